@@ -38,30 +38,30 @@ from jaxplan.runtime.linear import linear_map
 from jaxplan.runtime.precompile import Task, side_by_side
 from jaxplan.trajectory import Trajectory
 
-Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_real` ones of a scenario
+Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_float_leaves` of a scenario
 
 # Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
-_replan = quick_jit(replan, level=0)
+_replan_jit = quick_jit(replan, level=0)
 
 
-def _is_real(leaf: Any) -> bool:
+def _is_float(leaf: Any) -> bool:
     """Tell whether a number of a scenario can be differentiated, which holds for floating-point ones."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 
-def _real(scenario: Scenario) -> list[Any]:
+def _float_leaves(scenario: Scenario) -> list[Any]:
     """Return the numbers of a scenario that can be differentiated, as leaves of its tree in order."""
-    return list(filter(_is_real, jax.tree.leaves(scenario)))
+    return list(filter(_is_float, jax.tree.leaves(scenario)))
 
 
 def _with_numbers(scenario: Scenario, numbers: list[Any]) -> Scenario:
-    """Return a scenario with other differentiable numbers (see `_real`), and JAX arrays in place of lists."""
+    """Return a scenario with other `_float_leaves`, and with JAX arrays in place of lists."""
     left = iter(numbers)
-    return of_arrays(jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, scenario))
+    return of_arrays(jax.tree.map(lambda leaf: next(left) if _is_float(leaf) else leaf, scenario))
 
 
-def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory:
-    """Compute `replan` as a function of the differentiable numbers of a scenario (see `_real`)."""
+def _replan_from_numbers(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory:
+    """Compute `replan` as a function of the differentiable numbers of a scenario (see `_float_leaves`)."""
     return replan(held, _with_numbers(scenario, numbers))
 
 
@@ -69,7 +69,7 @@ def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory
 def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
     """Return where a manoeuvre ends, and the derivatives (E, N) of that by a scenario's numbers.
 
-    These are the E numbers of the `End`, by the N differentiable numbers of the scenario (see `_real`).
+    These are the E numbers of the `End`, by the N `_float_leaves` of the scenario.
     """
 
     def end(numbers: list[Any]) -> tuple[Array, End]:
@@ -77,13 +77,13 @@ def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
         found = end_of(held, own, own.rows(held.turns))
         return ravel_pytree(found)[0], found
 
-    flat, pull_back, found = jax.vjp(end, _real(scenario), has_aux=True)
+    flat, pull_back, found = jax.vjp(end, _float_leaves(scenario), has_aux=True)
     (rows,) = jax.vmap(pull_back)(jnp.eye(len(flat), dtype=flat.dtype))
     return found, jnp.concatenate([row.reshape(len(flat), -1) for row in rows], axis=1)
 
 
 @partial(quick_jit, level=0)
-def _with_slopes(
+def _trajectory_with_slopes(
     reached: Reached, held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
 ) -> tuple[Trajectory, list[Any]]:
     """Return a scenario's trajectory and, if `wanted`, the product of cotangents with its derivatives.
@@ -101,9 +101,9 @@ def _with_slopes(
         wanted: whether the product is computed; if not, zeros stand in its place.
 
     Returns:
-        The trajectory, and an array for each of the scenario's differentiable numbers (see `_real`).
+        The trajectory, and an array for each of the scenario's differentiable numbers (see `_float_leaves`).
     """
-    numbers, (end, end_slopes) = _real(scenario), reached
+    numbers, (end, end_slopes) = _float_leaves(scenario), reached
 
     def motion(end: End, numbers: list[Any]) -> Trajectory:
         own = _with_numbers(scenario, numbers)
@@ -121,44 +121,46 @@ def _with_slopes(
 
 
 @partial(quick_jit, level=0)
-def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
+def _trajectory_jvp(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
     """Return the derivative of a trajectory along tangents of its scenario's differentiable numbers.
 
-    `way` holds these tangents, in the order of `_real`.
+    `way` holds these tangents, in the order of `_float_leaves`.
     """
-    along: Trajectory = jax.jvp(partial(_replan_by, held, scenario), (_real(scenario),), (way,))[1]
+    along: Trajectory = jax.jvp(
+        partial(_replan_from_numbers, held, scenario), (_float_leaves(scenario),), (way,)
+    )[1]
     return along
 
 
-def _plain(tree: Any) -> Any:
+def _to_numpy(tree: Any) -> Any:
     """Convert the leaves of a tree, but no tracers, to numpy arrays; so one kernel serves all callers."""
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
-_compiled: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
+_compiled_for: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
 
 
-def _reached(held: Held, scenario: Scenario) -> Reached:
+def _find_end(held: Held, scenario: Scenario) -> Reached:
     """Find by a kernel where a scenario's manoeuvre ends; the first call for `held` compiles both kernels."""
-    if held not in _compiled:
-        side_by_side(_tasks(held, scenario), lambda: None)
-        _compiled.add(held)
-    found: Reached = _plain(_end_with_slopes(*_plain((held, scenario))))
+    if held not in _compiled_for:
+        side_by_side(_compilation_tasks(held, scenario), lambda: None)
+        _compiled_for.add(held)
+    found: Reached = _to_numpy(_end_with_slopes(*_to_numpy((held, scenario))))
     return found
 
 
-def _value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
+def _trajectory_value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
     """Return a scenario's trajectory to its known end, by the kernel that also computes its derivatives."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
-    return _with_slopes(*_plain((reached, held, scenario, nothing)), False)[0]
+    return _trajectory_with_slopes(*_to_numpy((reached, held, scenario, nothing)), False)[0]
 
 
-def _tasks(held: Held, scenario: Scenario) -> list[Task]:
-    """Return tasks that compile the kernels of `_reached`, `_value` and `_pulled`, to be run in threads."""
-    own = _plain((held, scenario))
+def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
+    """Return tasks to run in threads, which compile the kernels of `_find_end` and `_trajectory_vjp`."""
+    own = _to_numpy((held, scenario))
     joints = np.asarray(held.goal.joints, float)
     end = End(np.asarray(held.goal.attitude, float), joints, np.zeros(3 + len(joints)))
-    count = sum(map(np.size, _real(scenario)))
+    count = sum(map(np.size, _float_leaves(scenario)))
     slopes = np.zeros((sum(map(np.size, end)), count))
     nothing = jax.tree.map(np.zeros_like, own[0].trajectory)
 
@@ -167,31 +169,31 @@ def _tasks(held: Held, scenario: Scenario) -> list[Task]:
             kernel(*given)
 
     return [
-        partial(wide, _with_slopes, (end, slopes), *own, nothing, False),
+        partial(wide, _trajectory_with_slopes, (end, slopes), *own, nothing, False),
         partial(wide, _end_with_slopes, *own),
     ]
 
 
-def _pulled(held: Held, scenario: Scenario, reached: Reached, cotangents: Trajectory) -> list[Any]:
+def _trajectory_vjp(held: Held, scenario: Scenario, reached: Reached, cotangents: Trajectory) -> list[Any]:
     """Return cotangents times a trajectory's derivatives by its scenario's differentiable numbers.
 
-    The products are in the order of `_real`.
+    The products are in the order of `_float_leaves`.
     """
-    return _with_slopes(*_plain((reached, held, scenario, cotangents)), True)[1]
+    return _trajectory_with_slopes(*_to_numpy((reached, held, scenario, cotangents)), True)[1]
 
 
 def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
     """Return the leaves of the derivative of the trajectory along tangents `way`, for `linear_map`."""
     held, scenario, _ = own
-    return jax.tree.leaves(_along(*_plain((held, scenario, list(way)))))
+    return jax.tree.leaves(_trajectory_jvp(*_to_numpy((held, scenario, list(way)))))
 
 
 def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:
     """Return cotangents, as leaves of a trajectory, times its derivatives: the transpose of `_forward`."""
-    return _pulled(*own, jax.tree.unflatten(jax.tree.structure(own[0].trajectory), answers))
+    return _trajectory_vjp(*own, jax.tree.unflatten(jax.tree.structure(own[0].trajectory), answers))
 
 
-_slopes = linear_map("slopes of a plan", _forward, _backward)
+_slopes_map = linear_map("slopes of a plan", _forward, _backward)
 
 
 def differentiable(plan: Plan) -> "Differentiable":
@@ -236,8 +238,8 @@ class Differentiable:
 
     def __init__(self, plan: Plan, held: Held) -> None:
         self.plan, self.held = plan, held
-        self._known: dict[Any, Callable[[Scenario], Trajectory]] = {}
-        self._wide = _in_64_bits(held)
+        self._functions_32_bits: dict[Any, Callable[[Scenario], Trajectory]] = {}
+        self._function_64_bits = _replan_in_64_bits(held)
 
     @cached_property
     def optimum(self) -> Plan:
@@ -263,43 +265,43 @@ class Differentiable:
         expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
         if not is_traced(scenario):
             with jax.enable_x64(True):
-                found: Trajectory = jax.tree.map(np.asarray, _replan(self.held, own_arrays(scenario)))
+                found: Trajectory = jax.tree.map(np.asarray, _replan_jit(self.held, own_arrays(scenario)))
             return found
         if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            return self._wide(scenario)
+            return self._function_64_bits(scenario)
         narrow: Scenario = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), scenario)
         kind = jax.tree.structure(narrow), tuple(leaf.shape for leaf in jax.tree.leaves(narrow))
-        if kind not in self._known:
+        if kind not in self._functions_32_bits:
             wide = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), narrow)
-            self._known[kind] = _in_32_bits(self.held, wide)
-        return self._known[kind](narrow)
+            self._functions_32_bits[kind] = _replan_in_32_bits(self.held, wide)
+        return self._functions_32_bits[kind](narrow)
 
 
-def _in_64_bits(held: Held) -> Callable[[Scenario], Trajectory]:
+def _replan_in_64_bits(held: Held) -> Callable[[Scenario], Trajectory]:
     """Return `replan` as a function of 64-bit scenarios; kernels compute derivatives at plain numbers."""
-    wide: Any = jax.custom_jvp(partial(_replan, held))
+    wide: Any = jax.custom_jvp(partial(_replan_jit, held))
 
     def follow(own: tuple[Scenario], ways: tuple[Scenario]) -> tuple[Trajectory, Trajectory]:
         if is_traced(own):
-            traced: tuple[Trajectory, Trajectory] = jax.jvp(partial(_replan, held), own, ways)
+            traced: tuple[Trajectory, Trajectory] = jax.jvp(partial(_replan_jit, held), own, ways)
             return traced
         (scenario,) = own
-        reached = _reached(held, scenario)
-        found = _value(held, scenario, reached)
+        reached = _find_end(held, scenario)
+        found = _trajectory_value(held, scenario, reached)
         way = [
             way
             for way, leaf in zip(*map(jax.tree.leaves, (ways[0], scenario)), strict=True)
-            if _is_real(leaf)
+            if _is_float(leaf)
         ]
         answers, tree = jax.tree.flatten(found)
-        return found, jax.tree.unflatten(tree, _slopes((held, scenario, reached), way, answers))
+        return found, jax.tree.unflatten(tree, _slopes_map((held, scenario, reached), way, answers))
 
     wide.defjvp(follow)
     followed: Callable[[Scenario], Trajectory] = wide
     return followed
 
 
-def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
+def _replan_in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
     """Return `replan` as a function of 32-bit scenarios, computed in 64 bits.
 
     Plain numbers go to kernels. What is traced while JAX is set to 32 bits cannot be traced again in 64, so
@@ -341,14 +343,14 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
             return value(scenario), scenario
         with jax.enable_x64(True):
             own = _cast(scenario, jnp.float64)
-            return _cast(_value(held, own, _reached(held, own)), jnp.float32), scenario
+            return _cast(_trajectory_value(held, own, _find_end(held, own)), jnp.float32), scenario
 
     def backward(scenario: Scenario, cotangents: Trajectory) -> tuple[Scenario]:
         if is_traced((scenario, cotangents)):
             return (product(scenario, cotangents),)
         with jax.enable_x64(True):
             own, ways = _cast((scenario, cotangents), jnp.float64)
-            slopes = _cast(_pulled(held, own, _reached(held, own), ways), jnp.float32)
+            slopes = _cast(_trajectory_vjp(held, own, _find_end(held, own), ways), jnp.float32)
             return (jax.tree.unflatten(jax.tree.structure(scenario), slopes),)
 
     narrow: Any = jax.custom_vjp(lambda scenario: value(scenario))

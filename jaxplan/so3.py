@@ -23,15 +23,15 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components,
 from jaxplan.runtime.arguments import expect_numbers
 
 # Terms of the series in theta**2: the first one left out is below 1e-17 at one radian.
-_TERMS = 9
+_SERIES_TERMS = 9
 
 
-def _coefficients(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
+def _stumpff(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
     """Evaluate ``sin t / t``, ``(1 - cos t) / t^2``, ``(t - sin t) / t^3`` and so on at ``z = t^2``.
 
-    The n-th of these functions, n from 1, is ``S_n(z)``, the sum of ``(-1)^k z^k / (2 k + n)!``. They obey
-    the recurrence ``S_n + z S_(n + 2) = 1 / n!``, and their derivatives are ``2 S_n' = n S_(n + 2) - S_(n +
-    1)``.
+    The n-th of these Stumpff functions, n from 1, is ``S_n(z)``, the sum of ``(-1)^k z^k / (2 k + n)!``. They
+    obey the recurrence ``S_n + z S_(n + 2) = 1 / n!``, and their derivatives are ``2 S_n' = n S_(n + 2) -
+    S_(n + 1)``.
 
     Args:
         square: (...) rad^2, the values of ``z``.
@@ -40,11 +40,15 @@ def _coefficients(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
     Returns:
         The functions ``S_1`` to ``S_last``, each of shape (...).
     """
-    return _differentiable(square, last) if array_module(square) is jnp else _values(square, last)
+    return (
+        _differentiable_stumpff(square, last)
+        if array_module(square) is jnp
+        else _stumpff_values(square, last)
+    )
 
 
-def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
-    """Evaluate the first `last` functions of `_coefficients` at squares (...) rad^2, without derivatives."""
+def _stumpff_values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
+    """Evaluate the first `last` functions of `_stumpff` at squares (...) rad^2, without derivatives."""
     xp = array_module(square)
     small = square < 1
     near, safe = (
@@ -56,48 +60,48 @@ def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
     far = [xp.sin(theta) / theta, 2 * half_sinc * half_sinc]
     for n in range(1, last - 1):
         far.append((1 / factorial(n) - far[n - 1]) / safe)
-    by_series = [_series(near, last), _series(near, last - 1)]
+    by_series = [_stumpff_series(near, last), _stumpff_series(near, last - 1)]
     for n in range(last - 2, 0, -1):
         by_series.append(1 / factorial(n) - near * by_series[-2])
     return tuple(xp.where(small, *both) for both in zip(reversed(by_series), far, strict=True))
 
 
-def _series(square: AnyArray, n: int) -> AnyArray:
-    """Evaluate ``S_n`` of `_coefficients` by its series, accurate for squares (...) below 1 rad^2."""
+def _stumpff_series(square: AnyArray, n: int) -> AnyArray:
+    """Evaluate ``S_n`` of `_stumpff` by its series, accurate for squares (...) below 1 rad^2."""
     total = array_module(square).zeros_like(square)
-    for k in reversed(range(_TERMS)):
+    for k in reversed(range(_SERIES_TERMS)):
         total = total * square + (-1) ** k / factorial(2 * k + n)
     return total
 
 
-_differentiable = jax.custom_jvp(_values, nondiff_argnums=(1,))
+_differentiable_stumpff = jax.custom_jvp(_stumpff_values, nondiff_argnums=(1,))
 
 
-@_differentiable.defjvp
-def _slopes(
+@_differentiable_stumpff.defjvp
+def _stumpff_jvp(
     last: int, primals: tuple[AnyArray], tangents: tuple[AnyArray]
 ) -> tuple[tuple[AnyArray, ...], tuple[AnyArray, ...]]:
-    """Return the functions of `_coefficients` and their derivatives along a tangent, for `jax.custom_jvp`."""
-    found = _differentiable(*primals, last + 2)
-    slopes = [_slope(found, n) for n in range(1, last + 1)]
+    """Return the functions of `_stumpff` and their derivatives along a tangent, for `jax.custom_jvp`."""
+    found = _differentiable_stumpff(*primals, last + 2)
+    slopes = [_stumpff_slope(found, n) for n in range(1, last + 1)]
     return found[:last], tuple(slope * tangents[0] for slope in slopes)
 
 
-def _slope(found: tuple[AnyArray, ...], n: int) -> AnyArray:
-    """Return the derivative ``S_n'`` by ``z``, given the functions of `_coefficients` up to ``S_(n + 2)``."""
+def _stumpff_slope(found: tuple[AnyArray, ...], n: int) -> AnyArray:
+    """Return the derivative ``S_n'`` by ``z``, given the functions of `_stumpff` up to ``S_(n + 2)``."""
     return (n * found[n + 1] - found[n]) / 2
 
 
-def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Return derivatives by ``z = t^2`` of ``S_2`` and ``S_3`` of `_coefficients`, at squares (...) rad^2."""
-    found = _coefficients(square, 5)
-    return _slope(found, 2), _slope(found, 3)
+def _stumpff_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Return derivatives by ``z = t^2`` of ``S_2`` and ``S_3`` of `_stumpff`, at squares (...) rad^2."""
+    found = _stumpff(square, 5)
+    return _stumpff_slope(found, 2), _stumpff_slope(found, 3)
 
 
-def _coefficient_bends(square: AnyArray) -> tuple[AnyArray, AnyArray]:
+def _stumpff_bends(square: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Return the second derivatives of ``S_2`` and ``S_3`` by ``z = t^2`` at squares (...) rad^2."""
-    found = _coefficients(square, 7)
-    second, third = ((n * _slope(found, n + 2) - _slope(found, n + 1)) / 2 for n in (2, 3))
+    found = _stumpff(square, 7)
+    second, third = ((n * _stumpff_slope(found, n + 2) - _stumpff_slope(found, n + 1)) / 2 for n in (2, 3))
     return second, third
 
 
@@ -165,7 +169,7 @@ def exp(rotation_vector: ArrayLike) -> AnyArray:
     """
     expect_numbers("rotation_vector", rotation_vector, 3)
     xp, w = arrays(rotation_vector)
-    sinc, cosc, _ = _coefficients(xp.sum(w * w, axis=-1))
+    sinc, cosc, _ = _stumpff(xp.sum(w * w, axis=-1))
     cross = hat(w)
     identity = xp.eye(3, dtype=w.dtype)
     return identity + sinc[..., None, None] * cross + cosc[..., None, None] * _hat_square(w)
@@ -261,7 +265,7 @@ def right_jacobian(rotation_vector: ArrayLike) -> AnyArray:
     """
     expect_numbers("rotation_vector", rotation_vector, 3)
     xp, x = arrays(rotation_vector)
-    _, cosc, cubic = _coefficients(xp.sum(x * x, axis=-1))
+    _, cosc, cubic = _stumpff(xp.sum(x * x, axis=-1))
     cross = hat(x)
     identity = xp.eye(3, dtype=x.dtype)
     return identity - cosc[..., None, None] * cross + cubic[..., None, None] * _hat_square(x)
@@ -285,7 +289,7 @@ def right_jacobian_rate(rotation_vector: ArrayLike, rate: ArrayLike) -> AnyArray
     xp, x, x_dot = arrays(rotation_vector, rate)
     square = xp.sum(x * x, axis=-1)
     square_rate = 2 * xp.sum(x * x_dot, axis=-1)
-    _, cosc, cubic, fourth, fifth = _coefficients(square, 5)
+    _, cosc, cubic, fourth, fifth = _stumpff(square, 5)
     cosc_slope, cubic_slope = fourth - cubic / 2, (3 * fifth - fourth) / 2
     cross, cross_rate = hat(x), hat(x_dot)
     return (
@@ -321,8 +325,8 @@ def right_jacobian_acceleration(
     xp, x, x_1, x_2 = arrays(rotation_vector, rate, acceleration)
     square, square_1 = xp.sum(x * x, axis=-1), 2 * xp.sum(x * x_1, axis=-1)
     square_2 = 2 * xp.sum(x_1 * x_1 + x * x_2, axis=-1)
-    _, *values = _coefficients(square)
-    slopes, bends = _coefficient_slopes(square), _coefficient_bends(square)
+    _, *values = _stumpff(square)
+    slopes, bends = _stumpff_slopes(square), _stumpff_bends(square)
     h, h_1, h_2 = hat(x), hat(x_1), hat(x_2)
     mixed = h_1 @ h
     bent = h_2 @ h

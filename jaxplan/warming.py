@@ -61,7 +61,7 @@ def warm_up(
             raise TypeError(f"{name} must be True or False, not {flag!r}")
     if gradients and isinstance(problem, Spacecraft):
         raise ValueError("gradients = True: needs a scenario, since what they compile follows from its plan")
-    stated = [problem] if isinstance(problem, Scenario) else _quiet(problem)
+    stated = [problem] if isinstance(problem, Scenario) else _still_scenarios(problem)
     scenarios = [as_filed("problem", scenario) for scenario in stated]
     forms = (False, True) if batches else (False,)
     tasks = [task for many in forms for scenario in scenarios for task in every_task(scenario, many=many)]
@@ -69,10 +69,10 @@ def warm_up(
         side_by_side(tasks, bar.update)
         if gradients:
             bar.step("gradients")
-            _differentiate(scenarios[0])
+            _compile_gradients(scenarios[0])
 
 
-def _differentiate(scenario: Scenario) -> None:
+def _compile_gradients(scenario: Scenario) -> None:
     """Plan a scenario and take one gradient of its trajectory, so that all kernels for that are compiled."""
     made = plan(scenario, progress=False)
     trajectory = differentiable(made)
@@ -80,7 +80,7 @@ def _differentiate(scenario: Scenario) -> None:
     jax.block_until_ready(slope)
 
 
-def _quiet(spacecraft: Spacecraft) -> list[Scenario]:
+def _still_scenarios(spacecraft: Spacecraft) -> list[Scenario]:
     """Return small scenarios in which a spacecraft stays where it is: without zones, and with a single zone.
 
     The zone lies behind a device. Masks have more rows with a tube about the plan; if that changes the shape

@@ -13,8 +13,8 @@ from jaxplan.geometry.vectors import AnyArray, Components, array_module, dot, un
 Quaternion: TypeAlias = tuple[AnyArray, ...]
 """``w x y z``."""
 
-_STRAIGHT = 1e-6  # sine of half the angle, below which chord and arc agree to rounding
-_SMALL = 1e-16  # rad^2, square of an angle below which its sine equals it to rounding
+_MIN_SLERP_SINE = 1e-6  # sine of half the angle, below which chord and arc agree to rounding
+_MIN_SQUARED_ANGLE = 1e-16  # rad^2, square of an angle below which its sine equals it to rounding
 
 
 def product(first: Components, second: Components) -> Quaternion:
@@ -65,7 +65,7 @@ def exp(rotation_vector: Components) -> Quaternion:
     """Unit quaternion of a rotation vector, given as three components (...) in rad."""
     square = dot(rotation_vector, rotation_vector)
     xp = array_module(square)
-    small = square < _SMALL
+    small = square < _MIN_SQUARED_ANGLE
     half = xp.sqrt(xp.where(small, 1, square)) / 2
     factor = xp.where(small, 0.5, xp.sin(half) / (2 * half))
     return xp.where(small, 1, xp.cos(half)), *(factor * component for component in rotation_vector)
@@ -84,7 +84,7 @@ def slerp(first: Components, second: Components, fraction: AnyArray) -> Quaterni
     xp = array_module(turn[0])
     half = angle(turn) / 2
     sine = xp.sin(half)
-    straight = sine < _STRAIGHT
+    straight = sine < _MIN_SLERP_SINE
     divisor = xp.where(straight, 1, sine)
     before = xp.where(straight, 1 - fraction, xp.sin((1 - fraction) * half) / divisor)
     after = xp.where(straight, fraction, xp.sin(fraction * half) / divisor)

@@ -52,7 +52,7 @@ from jaxplan.runtime.jit import quick_jit
 
 CANDIDATES = 16
 """Most goals that are computed where pairs are left open (`leaves_open`); few problems have so many."""
-_BROKEN = -1e-9  # rad; a constraint whose margin is below this is broken
+_MIN_MARGIN = -1e-9  # rad; a constraint whose margin is below this is broken
 
 
 @shown(
@@ -156,21 +156,21 @@ def decompose(
         if not len(solutions):
             solutions = met
         if not len(solutions):
-            best = _least_broken(problem, seed)
+            best = _find_least_violating_turn(problem, seed)
             missed = multistart.minimum_near(
                 caps, best
             )  # a solution that the descents from the covering missed
             if len(missed):
                 problem, solutions = with_wishes(problem, wishes, seed, missed)
                 caps = assemble(problem)
-        nearest = _goal(problem, solutions[0] if len(solutions) else best)
+        nearest = _make_goal(problem, solutions[0] if len(solutions) else best)
         soonest = targets.criterion == LEAST_TIME and len(solutions) > 0
         if soonest:
             if told is not None:
                 told(nearest)
             solutions = least_time.soonest(problem, caps, solutions, most, max_slew, seed)
-    goals = [goal for goal in (_goal(problem, one) for one in solutions) if goal.slew_angle <= max_slew]
-    if caps.open and goals and _breaks(problem, goals[0]):
+    goals = [goal for goal in (_make_goal(problem, one) for one in solutions) if goal.slew_angle <= max_slew]
+    if caps.open and goals and _breaks_constraint(problem, goals[0]):
         goals += goals_beside(problem, np.stack([goal.attitude for goal in goals]), max_slew, seed)
         goals.sort(key=lambda goal: goal.slew_angle)
     if soonest:
@@ -207,7 +207,7 @@ def descend_once(
         least_time.descended(problem, assemble(problem), quaternion.exp(np.zeros((1, 3))))
 
 
-def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
+def _make_goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
     """Return the goal at the attitude ``R0 E``, with the joints of free devices chosen.
 
     Args:
@@ -219,13 +219,13 @@ def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
     return Goal(attitude=attitude, joints=joints, slew_angle=float(multistart.slew(turn[None])[0]))
 
 
-def _breaks(problem: GoalProblem, goal: Goal) -> bool:
-    """Tell whether any constraint of the problem has a margin below `_BROKEN` at a goal."""
+def _breaks_constraint(problem: GoalProblem, goal: Goal) -> bool:
+    """Tell whether any constraint of the problem has a margin below `_MIN_MARGIN` at a goal."""
     margins = constraint_margins(problem.rows, problem.margins(goal.attitude, goal.joints))
-    return not np.all(margins >= _BROKEN)
+    return not np.all(margins >= _MIN_MARGIN)
 
 
-def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
+def _find_least_violating_turn(problem: GoalProblem, seed: int) -> np.ndarray:
     """Return the attitude at which a problem without a solution is violated least.
 
     Where devices can point at their targets once zones are left aside, the zones are relaxed until there is a
@@ -281,7 +281,7 @@ def tracking_rates(
     """
     place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
     with jax.enable_x64(True):
-        found = _followed(
+        found = _goal_in_time_jit(
             place,
             spacecraft,
             start_attitude,
@@ -294,4 +294,4 @@ def tracking_rates(
         return np.asarray(found.angular_velocity), np.asarray(found.joint_rates)
 
 
-_followed = quick_jit(goal_in_time)
+_goal_in_time_jit = quick_jit(goal_in_time)

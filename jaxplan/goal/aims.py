@@ -29,7 +29,7 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 AZIMUTH, ELEVATION = 0, 1
-_SHARE = 0.5  # share of the tolerance that either angle of an equation may take
+_TOLERANCE_SHARE = 0.5  # share of the tolerance that either angle of an equation may take
 
 
 @jax.tree_util.register_dataclass
@@ -114,7 +114,7 @@ def aims_of(craft: Spacecraft, targets: Targets, ranges: AnyArray, tolerance: fl
     held = tuple(
         number for number in range(gimbals) if number not in devices and names[number] in targets.hold
     )
-    boxes = [box_of(craft, number, ranges, _SHARE * tolerance) for number in devices]
+    boxes = [box_of(craft, number, ranges, _TOLERANCE_SHARE * tolerance) for number in devices]
     directions = targets.directions
     return Aims(
         devices=devices,
@@ -142,7 +142,7 @@ def box_of(craft: Spacecraft, number: int, ranges: AnyArray, share: float) -> tu
     gimbals, around = craft.gimbals, np.array([-share, share])
     if number >= gimbals.count:
         boresight = craft.fixed_boresights[number - gimbals.count]
-        return frame_of(_across(boresight), boresight), np.array([around, around])
+        return frame_of(_perpendicular_vector(boresight), boresight), np.array([around, around])
     azimuth = ranges[gimbals.yaws[number]]
     if number < gimbals.terminals:
         elevation = ranges[gimbals.pitches[number]]
@@ -151,7 +151,7 @@ def box_of(craft: Spacecraft, number: int, ranges: AnyArray, share: float) -> tu
     return gimbals.frames[number], array_module(azimuth, elevation).stack([azimuth, elevation])
 
 
-def _across(boresight: AnyArray) -> AnyArray:
+def _perpendicular_vector(boresight: AnyArray) -> AnyArray:
     """Return some vector (3,), not of unit length, perpendicular to a unit boresight (3,)."""
     xp, ahead = arrays(boresight)
     flat = jax.lax.stop_gradient(ahead) if xp is not np else ahead

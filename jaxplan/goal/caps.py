@@ -152,7 +152,7 @@ class _Cap(NamedTuple):
     half_angle: float
 
 
-_NOWHERE = _Cap(-1, -1, np.zeros(3), np.zeros(3), 0.0)
+_EMPTY_CAP = _Cap(-1, -1, np.zeros(3), np.zeros(3), 0.0)
 _Member = list[_Cap]
 _Group = list[_Member]
 
@@ -173,12 +173,12 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
     if widening:
         away = np.where(rows.frame == JOINTS, 1, rows.side)
         problem = replace(problem, rows=replace(rows, half_angle=rows.half_angle - away * widening))
-    groups = [*_of_aims(problem.aims), *_of_rows(problem, fails)]
-    groups += [group for wish in problem.wishes if (group := _of_wish(wish))]
+    groups = [*_groups_of_aims(problem.aims), *_groups_of_rows(problem, fails)]
+    groups += [group for wish in problem.wishes if (group := _group_of_wish(wish))]
     members = [(number, member) for number, group in enumerate(groups) for member in group]
     found = [(number, group, cap) for number, (group, member) in enumerate(members) for cap in member]
     size = max(8, padded_count(len(found)))
-    found += [(number, number, _NOWHERE) for number in range(len(found), size)]
+    found += [(number, number, _EMPTY_CAP) for number in range(len(found), size)]
     member, group, caps = zip(*found, strict=True)
     row, sight, axis, direction, half_angle = map(np.array, zip(*caps, strict=True))
     there = half_angle > EMPTY
@@ -194,7 +194,7 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
     )
 
 
-def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
+def _groups_of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
     """Yield the groups of caps that all Z rows give, in the order of their constraints.
 
     Args:
@@ -210,11 +210,11 @@ def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
         asked = []
         for entry in entries:
             of_entry = np.flatnonzero(own & (rows.entry == entry)).tolist()
-            asked.append([ways for row in of_entry for ways in _of_row(row, problem)])
-        yield from _groups(asked)
+            asked.append([ways for row in of_entry for ways in _members_by_pair(row, problem)])
+        yield from _groups_of_constraint(asked)
 
 
-def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
+def _members_by_pair(row: int, problem: GoalProblem) -> Iterator[_Group]:
     """Yield, for each pair of a row that is a cap, its members: one, or two of which one is enough.
 
     A bound of a yaw is met where the yaw lies on the arc from the bound to the end of the joint's range.
@@ -233,12 +233,12 @@ def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
         arc = (bound, high) if sign > 0 else (low, -bound)
         if arc == (low, high) or arc[0] < low or arc[1] > high:
             continue  # the range of the joint itself is narrower
-        ways = _of_arc(*arc, cap, aims.frames[number])
+        ways = _members_of_arc(*arc, cap, aims.frames[number])
         if ways:
             yield ways
 
 
-def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
+def _members_of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
     """Return the members, of which one is enough, that keep an azimuth within `low` to `high` rad.
 
     Args:
@@ -268,7 +268,7 @@ def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
     return [[*planes, *behind]]
 
 
-def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
+def _groups_of_constraint(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
     """Yield the groups that together say the same as one constraint.
 
     Args:
@@ -292,21 +292,21 @@ def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
         yield group
 
 
-def _of_aims(aims: Aims) -> Iterator[_Group]:
+def _groups_of_aims(aims: Aims) -> Iterator[_Group]:
     """Yield the groups of caps that come from the ranges of azimuth and elevation of devices with targets."""
     for device, frame, direction, ranges in zip(
         aims.devices, aims.frames, aims.directions, aims.ranges, strict=True
     ):
         cap = _Cap(-1, device, np.zeros(3), direction, 0.0)
         (low, high), (least, most) = ranges.tolist()
-        ways = _of_arc(low, high, cap, frame)
+        ways = _members_of_arc(low, high, cap, frame)
         yield from [ways] if ways else []
         upward = frame[:, 2]
         yield [[cap._replace(axis=upward, half_angle=np.pi / 2 - most)]]
         yield [[cap._replace(axis=-upward, half_angle=np.pi / 2 + least)]]
 
 
-def _of_wish(wish: Wished) -> _Group:
+def _group_of_wish(wish: Wished) -> _Group:
     """Return the group of caps that keeps a wish within its `reach`; empty where every attitude does."""
     reach, frame = wish.reach, wish.frame
     cap = _Cap(-1, wish.device, np.zeros(3), wish.direction, 0.0)
@@ -320,7 +320,7 @@ def _of_wish(wish: Wished) -> _Group:
     if wish.kind == "instrument" and reach < SHARP:
         share = reach / np.sqrt(2)
         sides = [cap._replace(axis=way * frame[:, 2], half_angle=np.pi / 2 - share) for way in (1, -1)]
-        group = [[*way, *sides] for way in _of_arc(-share, share, cap, frame)]
+        group = [[*way, *sides] for way in _members_of_arc(-share, share, cap, frame)]
     elif wish.kind == "instrument":
         group = [near(0.0, 0.0)]
     else:
@@ -334,7 +334,7 @@ def _of_wish(wish: Wished) -> _Group:
             cap._replace(axis=upward, half_angle=np.pi / 2 - most - reach),
             cap._replace(axis=-upward, half_angle=np.pi / 2 + least - reach),
         ]
-        ways = _of_arc(low - beside, high + beside, cap, frame) or [[]]
+        ways = _members_of_arc(low - beside, high + beside, cap, frame) or [[]]
         group = [[*way, *band] for way in ways]
         if wish.kind == "drive" and not sharp and high - low < 2 * np.pi:
             group += [near(low, least), near(high, least)]

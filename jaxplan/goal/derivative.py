@@ -93,7 +93,9 @@ def differentiable_goal(
         ...     return differentiable_goal(goal, spacecraft, start, targets, changed).slew_angle
         >>> jax.grad(slew)(cones.half_angle)
     """
-    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones, start_joints, moves, met)
+    return _follow_optimum(
+        _FIRST_ORDER, goal, spacecraft, start_attitude, targets, cones, start_joints, moves, met
+    )
 
 
 def goal_in_time(
@@ -131,7 +133,9 @@ def goal_in_time(
     def at(directions: Array, axes: Array) -> Goal:
         moved: Targets = replace(targets, directions=directions)
         zones: Constraints = replace(cones, axis=axes)  # type: ignore[arg-type]
-        return _optimum(_AGAIN, goal, spacecraft, start_attitude, moved, zones, start_joints, moves)
+        return _follow_optimum(
+            _SECOND_ORDER, goal, spacecraft, start_attitude, moved, zones, start_joints, moves
+        )
 
     directions, axes = jnp.asarray(targets.directions), jnp.asarray(cones.axis)
     rates = jnp.asarray(target_rates, directions.dtype), jnp.asarray(axis_rates, axes.dtype)
@@ -144,7 +148,7 @@ def goal_in_time(
     return replace(found, angular_velocity=spin, joint_rates=jnp.asarray(rate.joints).at[resting].set(0))
 
 
-def _optimum(
+def _follow_optimum(
     equations: Equations,
     goal: Goal,
     spacecraft: Spacecraft,
@@ -157,19 +161,19 @@ def _optimum(
 ) -> Goal:
     """Return the goal as `differentiable_goal` describes it, with its arguments.
 
-    `equations` is `_ONCE` for first derivatives, or `_AGAIN` where the result is differentiated twice.
+    `equations` is `_FIRST_ORDER` for first derivatives, or `_SECOND_ORDER` for a result differentiated twice.
 
     Raises:
-        NotImplementedError: for a goal of least time with `_AGAIN`.
+        NotImplementedError: for a goal of least time with `_SECOND_ORDER`.
     """
     found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
     start = jnp.asarray(start_attitude, found.dtype)
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
-    rest = _rest(goal, start_joints, found.dtype)
+    rest = _rest_joints(goal, start_joints, found.dtype)
     state = _State.of(spacecraft, targets, cones, rest, found.dtype, met)
     state = state.cleared(targets.clearance)
-    caps = _caps(state, start)
-    matter = _matter(found, jax.lax.stop_gradient(state))
+    caps = _assemble_caps(state, start)
+    matter = _caps_to_keep(found, jax.lax.stop_gradient(state))
     if targets.criterion == LEAST_TIME:
         if equations.again:
             raise NotImplementedError("goals of least time are not followed in time: use least_rotation")
@@ -179,7 +183,7 @@ def _optimum(
         of_caps = caps.axis, caps.direction, caps.half_angle
         none = jnp.zeros(4, int)
         own = least_time_derivative.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
-        optimum = least_time_derivative.soonest_turn(own, matter, _of_equations(state.asked))
+        optimum = least_time_derivative.soonest_turn(own, matter, _equation_cap_numbers(state.asked))
     else:
         number, multiplier = _active_caps(turn, jax.lax.stop_gradient(caps), matter, state.asked)
         conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
@@ -190,12 +194,12 @@ def _optimum(
     slew_angle = angle_terms(optimum)[0][0]
     joints = pointed(state.sights.gimbals, state.aims, attitude, rest)
     if moves is not None:
-        joints = _made_way(state, spacecraft, targets, moves, attitude, joints, start_joints)
+        joints = _place_free_devices(state, spacecraft, targets, moves, attitude, joints, start_joints)
     arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
     return Goal(**arrays)  # typed as numpy's, here JAX arrays
 
 
-def _made_way(
+def _place_free_devices(
     state: "_State",
     spacecraft: Spacecraft,
     targets: Targets,
@@ -222,14 +226,14 @@ def _made_way(
         joints = joints.at[own].set(jnp.asarray(start_joints, dtype)[own])
     names = spacecraft.device_names
     wishes = [
-        (names.index(wish.device), _unit(jnp.asarray(as_path(wish.direction).at(0.0), dtype)))
+        (names.index(wish.device), _normalise(jnp.asarray(as_path(wish.direction).at(0.0), dtype)))
         for wish in targets.prefer
     ]
     joints = preferred(gimbals, ranges, free, wishes, attitude, joints)
     return places(moves, ranges, state.rows, state.sights, attitude, joints)
 
 
-def _rest(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:
+def _rest_joints(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:
     """Return joints (J,) rad for devices without a target.
 
     Each is the start's, with its derivative, where the goal has the same value, and the goal's, as a
@@ -282,7 +286,7 @@ class _State(NamedTuple):
 
         def aims_at(targets: Targets) -> Aims:
             aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
-            directions = _unit(jnp.asarray(aims.directions, dtype))
+            directions = _normalise(jnp.asarray(aims.directions, dtype))
             frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
             return replace(aims, directions=directions, frames=frames, ranges=ranges)  # type: ignore[arg-type]
 
@@ -290,13 +294,13 @@ class _State(NamedTuple):
         if met:
             asked = aims_at(with_met(targets, spacecraft, met))
         parts: dict[str, Any] = {
-            name: _unit(jnp.asarray(getattr(cones, name), dtype)) for name in ("axis", "body")
+            name: _normalise(jnp.asarray(getattr(cones, name), dtype)) for name in ("axis", "body")
         }
         parts |= {
             name: jnp.asarray(getattr(cones, name), dtype) for name in ("side", "half_angle", "carried")
         }
         rows = replace(cones, **parts)  # typed as numpy's, here JAX arrays
-        boresights = _unit(jnp.asarray(spacecraft.fixed_boresights, dtype))
+        boresights = _normalise(jnp.asarray(spacecraft.fixed_boresights, dtype))
         gimbals = jax.tree.map(lambda part: jnp.asarray(part, dtype), spacecraft.gimbals)
         return cls(aims=aims, asked=asked, rows=rows, sights=rows.sights(gimbals, boresights), rest=rest)
 
@@ -347,7 +351,7 @@ class _Conditions(NamedTuple):
     used: Array
 
 
-def _of_equations(aims: Aims) -> np.ndarray:
+def _equation_cap_numbers(aims: Aims) -> np.ndarray:
     """Return the numbers in `_Caps` of the upper and lower caps of the e equations, as rows (2, e)."""
     above = np.flatnonzero(np.array(aims.equations, bool).reshape(-1, 2).T)
     return np.stack([above, above + 2 * len(aims.devices)])
@@ -371,7 +375,7 @@ def _active_caps(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[A
     """
     _, eta, _ = angle_terms(turn)
     _, excess, gradients = cap_terms(turn, *caps)
-    of_equations, below = _of_equations(aims)
+    of_equations, below = _equation_cap_numbers(aims)
     excess = excess.at[np.concatenate([of_equations, below])].set(0.0)
     excess = jnp.where(matter[:, None], excess, MET)
     identity = jnp.eye(3, dtype=turn.dtype)
@@ -385,7 +389,7 @@ def _active_caps(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[A
     return number, multiplier
 
 
-def _gradient(own: _Conditions, z: Array) -> Array:
+def _kkt_residual(own: _Conditions, z: Array) -> Array:
     """Return the residual (6,) of the conditions of optimality.
 
     ``z`` is the turn (3,) rad from the goal found, then the multipliers (3,).
@@ -397,8 +401,8 @@ def _gradient(own: _Conditions, z: Array) -> Array:
     return jnp.concatenate([eta[:, 0] + push, jnp.where(own.used, depth[:, 0], z[3:])])
 
 
-def _inverse_curvature(own: _Conditions, z: Array) -> Array:
-    """Return the pseudoinverse (6, 6) of the derivative of `_gradient` by ``z``.
+def _kkt_inverse(own: _Conditions, z: Array) -> Array:
+    """Return the pseudoinverse (6, 6) of the derivative of `_kkt_residual` by ``z``.
 
     It is zero along directions that are not determined, as where nearby attitudes are equally good.
     """
@@ -413,11 +417,13 @@ def _inverse_curvature(own: _Conditions, z: Array) -> Array:
     return jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
 
 
-_ONCE = Equations(residual=_gradient, factor=_inverse_curvature, solve=jnp.matmul, steps=1, tolerance=0.0)
-_AGAIN = replace(_ONCE, again=True)
+_FIRST_ORDER = Equations(
+    residual=_kkt_residual, factor=_kkt_inverse, solve=jnp.matmul, steps=1, tolerance=0.0
+)
+_SECOND_ORDER = replace(_FIRST_ORDER, again=True)
 
 
-def _caps(state: _State, start: Array) -> _Caps:
+def _assemble_caps(state: _State, start: Array) -> _Caps:
     """Return all caps of a problem, for a start attitude (3, 3), body to inertial."""
     aims, dtype, own = state.asked, start.dtype, state.columns
     frames, (low, high) = jnp.asarray(aims.frames), jnp.moveaxis(jnp.asarray(aims.ranges), -1, 0)
@@ -437,7 +443,7 @@ def _caps(state: _State, start: Array) -> _Caps:
     )
 
 
-def _matter(attitude: Array, state: _State) -> Array:
+def _caps_to_keep(attitude: Array, state: _State) -> Array:
     """Tell which of the m caps must be kept at an attitude (3, 3), body to inertial, as (m,) bool.
 
     Of a range it is the cap of the nearer end, of a constraint those of its best entry.
@@ -470,6 +476,6 @@ def with_met(targets: Targets, spacecraft: Spacecraft, met: Sequence[int]) -> Ta
     return replace(targets, devices=names, directions=array_module(*directions).stack(directions))
 
 
-def _unit(vectors: Array) -> Array:
+def _normalise(vectors: Array) -> Array:
     """Return vectors (..., 3) brought to unit length."""
     return vectors / length(vectors)[..., None]

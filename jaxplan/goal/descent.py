@@ -169,13 +169,15 @@ def solve(
         return (progress.changes < CHANGES) & ~jnp.all(progress.done)
 
     def change(progress: _Progress) -> _Progress:
-        return _change(progress, inverse_hessian, gradients, excess)
+        return _change_active_set(progress, inverse_hessian, gradients, excess)
 
     end = jax.lax.while_loop(unfinished, change, start)
     return end.move, end.active, end.lost
 
 
-def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, excess: Array) -> _Progress:
+def _change_active_set(
+    progress: _Progress, inverse_hessian: Array, gradients: Array, excess: Array
+) -> _Progress:
     """Return the state after one step of the dual method.
 
     The entering constraint arrives at its bound, or an active one leaves. Where no constraint is entering,
@@ -194,7 +196,7 @@ def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, exces
 
     # kept as arrays: fused into all that follows they would be computed once for each number of the state
     normal, distance, entering = materialise(progress.changes + 1, (normal, distance, entering))
-    found = _directions(inverse_hessian, normals, active.number >= 0, normal)
+    found = _step_directions(inverse_hessian, normals, active.number >= 0, normal)
     way, share, gain = materialise(progress.changes + 1, found)
     shrinks = share > 0
     leaves = jnp.where(shrinks, active.multiplier / jnp.where(shrinks, share, 1), jnp.inf)
@@ -223,7 +225,7 @@ def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, exces
     )
 
 
-def _directions(
+def _step_directions(
     inverse_hessian: Array, normals: Array, used: Array, normal: Array
 ) -> tuple[Array, Array, Array]:
     """Return how ``d``, multipliers and violation change while a constraint enters.

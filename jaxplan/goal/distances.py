@@ -25,17 +25,21 @@ from jaxplan.geometry.vectors import AnyArray, cross, dot
 from jaxplan.goal.descent import angle_terms, inner
 from jaxplan.model.gimbals import in_range
 
-_ABOVE = 1e-9  # least square of the cosine of an elevation; at zero the azimuth has no derivative
-_NO_TURN = 1e-16  # rad^2, square of the turn's angle below which its derivatives are taken as zero
-_IN_PLACE = 1e-9  # sine of an axis's angle below which its derivatives are taken as zero
-_NOWHERE = -1.0  # rad, way of a joint that there is not: no constraint, since it is below any reach
-_FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # row f: the axes, that of the largest ``q_f`` first
-_SINGLE = np.eye(3, dtype=int)
-_ORDERS = [np.zeros(3, int), *_SINGLE, *(_SINGLE[a] + _SINGLE[b] for a in range(3) for b in range(a, 3))]
+_MIN_SQUARED_COSINE = 1e-9  # least one of an elevation; at zero the azimuth has no derivative
+_MIN_SQUARED_ANGLE = 1e-16  # rad^2, square of the turn's angle below which its derivatives are taken as zero
+_MIN_SINE = 1e-9  # sine of an axis's angle below which its derivatives are taken as zero
+_ABSENT_JOINT_WAY = -1.0  # rad, way of a joint that there is not: no constraint, since it is below any reach
+_AXIS_ORDERS = (np.arange(3)[:, None] + np.arange(3)) % 3  # row f: axes, that of the largest ``q_f`` first
+_FIRST_ORDERS = np.eye(3, dtype=int)
+_DERIVATIVE_ORDERS = [
+    np.zeros(3, int),
+    *_FIRST_ORDERS,
+    *(_FIRST_ORDERS[a] + _FIRST_ORDERS[b] for a in range(3) for b in range(a, 3)),
+]
 """Orders of the derivative by each of three places, of the value and of its first and second derivatives."""
-_ONCE = np.array([1, 2, 3])
-_TWICE = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
-"""Indices among `_ORDERS` of the first and of the second derivatives, by the numbers of the places."""
+_FIRST_DERIVATIVES = np.array([1, 2, 3])
+_SECOND_DERIVATIVES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+"""Indices among `_DERIVATIVE_ORDERS` of the first and second derivatives, by the numbers of the places."""
 
 
 class Pointers(NamedTuple):
@@ -134,9 +138,9 @@ def ways(
         The ways (w, K), their slopes (3, w, K), and a function that takes weights (w, K) and returns the
         weighted sum (3, 3, K) of the bends.
     """
-    turning, moved = _of_attitude(quaternion, platform), joint_angles(quaternion, pointers)
+    turning, moved = _platform_ways(quaternion, platform), joint_angles(quaternion, pointers)
     there = jnp.concatenate([pointers.moves[:, 0], pointers.moves[:, 1]])[:, None]
-    either = [jnp.where(there, sign * moved.values, _NOWHERE) for sign in (1, -1)]
+    either = [jnp.where(there, sign * moved.values, _ABSENT_JOINT_WAY) for sign in (1, -1)]
 
     def bent(weights: Array) -> Array:
         of_turn, ahead, back = jnp.split(weights, np.cumsum([len(turning.values), len(moved.values)]))
@@ -146,7 +150,7 @@ def ways(
     return jnp.concatenate([turning.values, *either]), slopes, bent
 
 
-def _joined(courses: Sequence[Course]) -> Course:
+def _join_courses(courses: Sequence[Course]) -> Course:
     """Join the functions of several courses into one course."""
     return Course(*(jnp.concatenate(parts, axis=-2) for parts in zip(*courses, strict=True)))
 
@@ -164,14 +168,15 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
     frame = jnp.moveaxis(pointers.frame, 0, -1)[..., None]  # (3, 3, p, 1)
     body = jnp.stack(rotations.turned_back(quaternion, direction))  # (3, p, K)
     x, y, z = (inner(frame[:, column], body) for column in range(3))
-    square = jnp.maximum(x * x + y * y, _ABOVE)
+    square = jnp.maximum(x * x + y * y, _MIN_SQUARED_COSINE)
     level = jnp.sqrt(square)
     outward = (frame[:, 0] * x + frame[:, 1] * y) / level
     onward = (frame[:, 1] * x - frame[:, 0] * y) / level
     out, on, rise = (jnp.stack(cross(one, body)) / level for one in (outward, onward, frame[:, 2]))
     bends = (
-        _symmetric(onward / level, body) - 2 * _symmetric(out, on),
-        (_symmetric(frame[:, 2], body) + z * (_symmetric(rise, rise) - _identity(body))) / level,
+        _symmetric_product(onward / level, body) - 2 * _symmetric_product(out, on),
+        (_symmetric_product(frame[:, 2], body) + z * (_symmetric_product(rise, rise) - _identity(body)))
+        / level,
     )
     found = []
     for part, angle in enumerate((jnp.arctan2(y, x), jnp.arctan2(z, level))):
@@ -184,7 +189,7 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
         angle = jnp.where(cut, jnp.clip(angle, low, high), angle)
         slopes, bend = (jnp.where(there & ~cut, own[part], 0) for own in ((on, rise), bends))
         found.append(Course(jnp.where(there, angle - rest, 0), slopes, bend))
-    return _joined(found)
+    return _join_courses(found)
 
 
 def axis_angles(quaternion: Array) -> Course:
@@ -198,15 +203,15 @@ def axis_angles(quaternion: Array) -> Course:
     )  # (3, axis, K): before, in body axes
     normal, cosine = jnp.stack(cross(axes[:, :, None], seen)), jnp.einsum("iik->ik", seen)
     size = jnp.sqrt(dot(normal, normal))
-    there = size > _IN_PLACE
+    there = size > _MIN_SINE
     sine = jnp.where(there, size, 1)
     slopes = jnp.where(there, -normal / sine, 0)
-    about = _symmetric(axes[:, :, None], seen) - _identity(seen) * cosine
-    bends = jnp.where(there, -(about + _symmetric(slopes, slopes) * cosine) / sine, 0)
+    about = _symmetric_product(axes[:, :, None], seen) - _identity(seen) * cosine
+    bends = jnp.where(there, -(about + _symmetric_product(slopes, slopes) * cosine) / sine, 0)
     return Course(jnp.arctan2(size, cosine), slopes, bends)
 
 
-def _of_attitude(quaternion: Array, platform: Platform) -> Course:
+def _platform_ways(quaternion: Array, platform: Platform) -> Course:
     """Return the ways (4 + 3 b, K) of the platform with b tables of turns, those of `axis_angles` first.
 
     The turns are unit quaternions (4, K), K lanes of them.
@@ -230,9 +235,9 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
     along = dot(across, slopes)
     beside = slopes - across * along
     side = 2 * uneven * beside - (1 - nearness) * jnp.stack(cross(across, slopes))
-    plane = (_identity(across) - _symmetric(across, across)) * jnp.where(there, uneven - angle / 4, 0)
-    bends = back(jnp.swapaxes(back(by_turn.bends), 0, 1)) + _symmetric(across, side) + along * plane
-    return _joined([axis_angles(quaternion), Course(by_turn.values, back(slopes), bends)])
+    plane = (_identity(across) - _symmetric_product(across, across)) * jnp.where(there, uneven - angle / 4, 0)
+    bends = back(jnp.swapaxes(back(by_turn.bends), 0, 1)) + _symmetric_product(across, side) + along * plane
+    return _join_courses([axis_angles(quaternion), Course(by_turn.values, back(slopes), bends)])
 
 
 def turn_ways(eta: Array, platform: Platform) -> Course:
@@ -246,13 +251,14 @@ def turn_ways(eta: Array, platform: Platform) -> Course:
         platform: the tables of lengths.
     """
     square = dot(eta, eta)
-    small = square < _NO_TURN
+    small = square < _MIN_SQUARED_ANGLE
     size = jnp.sqrt(jnp.where(small, 1, square))
     angle, unit = jnp.where(small, 0, size), jnp.where(small, 0, eta / size)
     bend = jnp.where(small, 0, (_identity(unit) - unit[:, None] * unit) / size)
     axes = jnp.moveaxis(platform.axes / platform.rates[:, None], 0, -1)[..., None]  # (3, 3, b, 1)
     along = inner(axes, eta[:, None, None])  # (3, b, K)
-    own, slope = jnp.abs(along)[_FACES], (axes * jnp.sign(along))[:, _FACES]  # (f, 3, b, K), (3, f, 3, b, K)
+    # (f, 3, b, K), (3, f, 3, b, K)
+    own, slope = jnp.abs(along)[_AXIS_ORDERS], (axes * jnp.sign(along))[:, _AXIS_ORDERS]
     largest, steepest = own[:, 0], slope[:, :, 0]
     there = largest > 0
     safe = jnp.where(there, largest, 1)[:, None]
@@ -265,20 +271,20 @@ def turn_ways(eta: Array, platform: Platform) -> Course:
     short = jnp.where(angle < jnp.pi, 1 / jnp.pi, 0)
     by_angle = none + (short * unit)[:, None, None, None]
     steps = jnp.concatenate([by_angle, by_share], axis=2)  # (3, f, 3, b, K)
-    value, first, second = _shares(jnp.asarray(platform.shares), places)
+    value, first, second = _evaluate_polynomials(jnp.asarray(platform.shares), places)
     # The bends of the two other shares cancel with the products of their slopes and those of the largest.
     twice = jnp.einsum("xfibk,fijbk,yfjbk->xyfbk", steps, second, steps)
-    by_turn = 2 * _symmetric(steepest, steps[:, :, 0]) + largest * (short * bend)[:, :, None, None]
+    by_turn = 2 * _symmetric_product(steepest, steps[:, :, 0]) + largest * (short * bend)[:, :, None, None]
     lengths = Course(
         values=largest * value,
         slopes=steepest * value + largest * jnp.sum(steps * first, axis=2),
         bends=largest * twice + first[:, 0] * by_turn,
     )
     flat = Course(*(part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in lengths))
-    return _joined([Course(angle[None], unit[:, None], bend[:, :, None]), flat])
+    return _join_courses([Course(angle[None], unit[:, None], bend[:, :, None]), flat])
 
 
-def _symmetric(first: Array, other: Array) -> Array:
+def _symmetric_product(first: Array, other: Array) -> Array:
     """Return the symmetric part (3, 3, ...) of the outer products of two vectors (3, ...)."""
     return (first[:, None] * other[None] + other[:, None] * first[None]) / 2
 
@@ -288,7 +294,7 @@ def _identity(vectors: Array) -> Array:
     return jnp.eye(3, dtype=vectors.dtype).reshape(3, 3, *[1] * (vectors.ndim - 1))
 
 
-def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
+def _evaluate_polynomials(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
     """Evaluate polynomials at three places in [0, 1], with first and second derivatives by the places.
 
     Args:
@@ -301,18 +307,18 @@ def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
     terms, every = [], coefficients
     for number, count in enumerate(coefficients.shape[2:]):
         terms.append(jnp.stack(legendre(places[:, number], count)))  # (count, f, b, K)
-        once = _derivative(count)
+        once = _legendre_derivative_matrix(count)
         orders = np.stack([np.eye(count), once, once @ once]).astype(coefficients.dtype)
         # The axis of this place's coefficients becomes two, at the end: order of the derivative, coefficient.
         every = jnp.tensordot(every, orders, axes=(2, 1))
-    chosen = jnp.stack([every[:, :, first, :, other, :, third] for first, other, third in _ORDERS])
+    chosen = jnp.stack([every[:, :, first, :, other, :, third] for first, other, third in _DERIVATIVE_ORDERS])
     basis = jnp.einsum("ifbk,jfbk,lfbk->bfijlk", *terms)
     found = jnp.einsum("obfijl,bfijlk->ofbk", chosen, basis)
-    first, second = found[_ONCE], found[_TWICE]
+    first, second = found[_FIRST_DERIVATIVES], found[_SECOND_DERIVATIVES]
     return found[0], jnp.moveaxis(first, 0, 1), jnp.moveaxis(second, (0, 1), (1, 2))
 
 
-def _derivative(count: int) -> np.ndarray:
+def _legendre_derivative_matrix(count: int) -> np.ndarray:
     """Return the matrix that takes coefficients of a Legendre series to those of its derivative.
 
     The matrix (count, count) is multiplied by the coefficients as a row from the left. The derivative is by a

@@ -23,16 +23,16 @@ from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import quick_jit
 
-_OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
-_AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
+_OPTIMUM_TOLERANCE = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
+_BOUND_DOUBT = "its goal leans on a bound of joints or a vector that these turn"
 AS_A_STATE = "give the goal as a state"
 """Advice that helps wherever a goal has no slopes; timelines put it in words of their own."""
-_BY_A_WISH = f"its goal leans on what a device prefers: leave the wish out, or {AS_A_STATE}"
-_NEAR = 2e-6  # rad; a wish that is as near is met, as step 1 leaves it less than this to give others room
-_NEAR_WISHES = 1e-5  # rad, as `_OPTIMAL`, where wishes are met no better than that
+_WISH_DOUBT = f"its goal leans on what a device prefers: leave the wish out, or {AS_A_STATE}"
+_MET_WISH_DISTANCE = 2e-6  # rad; a wish as near is met: step 1 leaves it less than this to give others room
+_TOLERANCE_WITH_WISHES = 1e-5  # rad, as `_OPTIMUM_TOLERANCE`, where wishes are met no better than that
 
 
-def _short_of(devices: Sequence[str]) -> str:
+def _unmet_wish_doubt(devices: Sequence[str]) -> str:
     """Return the doubt about a goal that comes near what some devices prefer, but does not reach it."""
     whose = " and ".join(dict.fromkeys(devices))
     return (
@@ -42,7 +42,7 @@ def _short_of(devices: Sequence[str]) -> str:
 
 
 @cache
-def _optima_near(met: tuple[int, ...]) -> Callable[..., Goal]:
+def _compiled_optimum(met: tuple[int, ...]) -> Callable[..., Goal]:
     """Return the compiled `differentiable_goal` for goals that meet the wishes in given places.
 
     `met` holds these places in `Targets.prefer`.
@@ -94,11 +94,11 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
             "where a device without a target makes way at the goal several things are as near, and which of "
             "them it will lean on depends on the way the scenario changes"
         )
-    elif np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
-        doubts.append(_AT_A_BOUND)
+    elif np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMUM_TOLERANCE:
+        doubts.append(_BOUND_DOUBT)
     if moves(scenario) and not scenario.trajectory.timed:
         if targets.prefer:
-            doubts.append(_BY_A_WISH)
+            doubts.append(_WISH_DOUBT)
         return Followed(doubts=tuple(doubts))  # a given duration takes another goal
     if soonest and (asked.moves or targets.prefer or made):
         doubts.append(least_time_doubt(asked))
@@ -106,18 +106,20 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
         return Followed(doubts=tuple(doubts))
     if not soonest and not targets.prefer and not leaves_open(problem):
         return Followed(moves=made, criterion=asked.criterion)
-    met = () if asked.moves else _met(problem, goal.attitude)  # else rates would be of another goal
-    within = _NEAR_WISHES if met else _OPTIMAL
+    met = () if asked.moves else _met_wishes(problem, goal.attitude)  # else rates would be of another goal
+    within = _TOLERANCE_WITH_WISHES if met else _OPTIMUM_TOLERANCE
     for criterion in dict.fromkeys((asked.criterion, LEAST_ROTATION)):
         wanted = replace(targets, criterion=criterion)
         with jax.enable_x64(True):
-            optimum = _optima_near(met)(place, craft, start.attitude, wanted, rows, start_joints=start.joints)
+            optimum = _compiled_optimum(met)(
+                place, craft, start.attitude, wanted, rows, start_joints=start.joints
+            )
         if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= within:
             return Followed(moves=made, met=met, criterion=criterion)
     if soonest:
         doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
     short = [one.device for place, one in enumerate(targets.prefer) if place not in met]
-    reason = _short_of(short) if short else _BY_A_WISH if met else _AT_A_BOUND
+    reason = _unmet_wish_doubt(short) if short else _WISH_DOUBT if met else _BOUND_DOUBT
     return Followed(doubts=tuple(doubts or [reason]))
 
 
@@ -155,19 +157,19 @@ def with_wishes_met(
     if targets.clearance:
         problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
     problem = replace(problem, wishes=tuple(Wished.all_of(craft, targets, problem.ranges)))
-    if not (met := _met(problem, goal.attitude)):
+    if not (met := _met_wishes(problem, goal.attitude)):
         return goal
     wanted = replace(targets, criterion=LEAST_ROTATION)
     with jax.enable_x64(True):
-        optimum = _optima_near(met)(goal, craft, start_attitude, wanted, rows, start_joints=start_joints)
+        optimum = _compiled_optimum(met)(goal, craft, start_attitude, wanted, rows, start_joints=start_joints)
     attitude = np.asarray(optimum.attitude)
-    if not float(so3.distance(goal.attitude, attitude)) <= _NEAR_WISHES:
+    if not float(so3.distance(goal.attitude, attitude)) <= _TOLERANCE_WITH_WISHES:
         return goal
     joints, _ = settled(problem, attitude, np.clip(problem.joints(attitude), *problem.ranges.T))
     return replace(goal, attitude=attitude, joints=joints, slew_angle=float(optimum.slew_angle))
 
 
-def _met(problem: GoalProblem, attitude: np.ndarray) -> tuple[int, ...]:
+def _met_wishes(problem: GoalProblem, attitude: np.ndarray) -> tuple[int, ...]:
     """Return the places of the wishes that are met at an attitude (3, 3), body to inertial."""
-    near = [wish.distance(attitude) <= _NEAR for wish in problem.wishes]
+    near = [wish.distance(attitude) <= _MET_WISH_DISTANCE for wish in problem.wishes]
     return tuple(np.flatnonzero(near).tolist())

@@ -30,10 +30,10 @@ from jaxplan.runtime.display import shown
 
 SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
-_GRIDS = (121, 41)  # grid points over a drive's angle, and over each of a terminal's two angles
-_HALVINGS = 40  # bisections that find the share of the line
-_CLOSER = 3  # further grids, each four spacings of the one before wide
-_TIE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
+_GRID_POINTS = (121, 41)  # grid points over a drive's angle, and over each of a terminal's two angles
+_BISECTIONS = 40  # bisections that find the share of the line
+_GRID_REFINEMENTS = 3  # further grids, each four spacings of the one before wide
+_TIE_TOLERANCE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
 
 
 @shown("joints", "share", "row", "sight", "ties")
@@ -82,10 +82,12 @@ def settled(
     moves: list[MadeWay] = []
     for _ in range(2 if len(free) > 1 else 1):
         for number in free:
-            if _least(problem, attitude, joints, number) < 0:
-                moved = _moved(problem, attitude, joints, number)
+            if _least_margin(problem, attitude, joints, number) < 0:
+                moved = _make_way(problem, attitude, joints, number)
                 if moved is not None:
-                    joints = _put(joints, moved.joints, _place(moved, joints, problem.ranges, moved.share))
+                    joints = _set_joints(
+                        joints, moved.joints, _joints_at_share(moved, joints, problem.ranges, moved.share)
+                    )
                     moves.append(moved)
     return joints, tuple(moves)
 
@@ -119,7 +121,7 @@ def preferred(
             place = array_module(yaw, elevation).concatenate([yaw, elevation])[: len(own)]
         xp = array_module(place, low)
         # a comparison leaves the joint's own where it is at an end of its range, and with it the derivative
-        joints = _put(joints, own, xp.where(place < low, low, xp.where(place > high, high, place)))
+        joints = _set_joints(joints, own, xp.where(place < low, low, xp.where(place > high, high, place)))
     return joints
 
 
@@ -147,17 +149,17 @@ def places(
     for move in moves:
 
         def margin(share: Any, move: MadeWay = move, joints: Any = joints) -> Any:
-            place = _put(joints, move.joints, _place(move, joints, ranges, share))
+            place = _set_joints(joints, move.joints, _joints_at_share(move, joints, ranges, share))
             return state_margins(rows, sights, attitude, place)[move.row, move.sight]
 
         share = jnp.asarray(move.share, jnp.asarray(joints).dtype)
         least, slope = jax.jvp(margin, (share,), (jnp.ones_like(share),))
         share = share - (least - SPARE) / slope
-        joints = _put(joints, move.joints, _place(move, joints, ranges, share))
+        joints = _set_joints(joints, move.joints, _joints_at_share(move, joints, ranges, share))
     return joints
 
 
-def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -> AnyArray:
+def _joints_at_share(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -> AnyArray:
     """Return the o joints of a device, rad, at a share of its line.
 
     The line begins at the device's angles in `joints` (J,).
@@ -167,7 +169,7 @@ def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -
     return joints[own] + share * (low + move.toward * (high - low) - joints[own])
 
 
-def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
+def _rows_about_device(problem: GoalProblem, number: int) -> np.ndarray:
     """Tell which of Z rows are of constraints that bind a sight of a device or have one as axis."""
     rows = problem.rows
     takes_part = problem.sights.carriers == number
@@ -175,7 +177,7 @@ def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
     return np.isin(rows.group, rows.group[concerned])
 
 
-def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
+def _least_margin(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
     """Return the least margin (...) of the constraints that concern device `number`, less `SPARE`, in rad.
 
     It is negative where the device must make way, and infinite where nothing concerns the device.
@@ -188,20 +190,23 @@ def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
     """
     attitudes = np.broadcast_to(attitude, (*joints.shape[:-1], 3, 3))
     margins = constraint_margins(problem.rows, problem.margins(attitudes, joints))
-    return np.min(np.where(_concerned(problem, number), margins, np.inf), axis=-1, initial=np.inf) - SPARE
+    return (
+        np.min(np.where(_rows_about_device(problem, number), margins, np.inf), axis=-1, initial=np.inf)
+        - SPARE
+    )
 
 
-def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> MadeWay | None:
+def _make_way(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> MadeWay | None:
     """Return how device `number` makes way so that all constraints about it hold; None if it cannot."""
     own = problem.spacecraft.gimbals.joints_of(number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
     best: np.ndarray | None = None
     window = ranges
-    for _ in range(1 + _CLOSER):
-        axes = [np.linspace(ends[0], ends[1], _GRIDS[len(own) - 1]) for ends in window]
+    for _ in range(1 + _GRID_REFINEMENTS):
+        axes = [np.linspace(ends[0], ends[1], _GRID_POINTS[len(own) - 1]) for ends in window]
         places = np.stack([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=-1)
-        clear = places[_least(problem, attitude, _each(joints, own, places), number) >= 0]
+        clear = places[_least_margin(problem, attitude, _joints_at_places(joints, own, places), number) >= 0]
         if not len(clear):
             break
         cost = np.max(np.abs(clear - wanted) / rates, axis=-1)
@@ -213,20 +218,20 @@ def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
     if best is None:
         return None
     share, step = 1.0, 0.5  # of the line from where it would rather be
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         tried = share - step
         place = wanted + tried * (best - wanted)
-        if _least(problem, attitude, _each(joints, own, place[None]), number)[0] >= 0:
+        if _least_margin(problem, attitude, _joints_at_places(joints, own, place[None]), number)[0] >= 0:
             share = tried
         step /= 2
     low, high = ranges.T
     toward = np.where(high > low, (best - low) / np.where(high > low, high - low, 1), 0)
-    return _with_nearest_pair(
-        problem, attitude, _put(joints, own, wanted + share * (best - wanted)), number, toward, share
+    return _record_made_way(
+        problem, attitude, _set_joints(joints, own, wanted + share * (best - wanted)), number, toward, share
     )
 
 
-def _with_nearest_pair(
+def _record_made_way(
     problem: GoalProblem,
     attitude: np.ndarray,
     joints: np.ndarray,
@@ -245,8 +250,8 @@ def _with_nearest_pair(
         share: as in `MadeWay`.
     """
     margins = problem.margins(attitude, joints)
-    least = float(_least(problem, attitude, joints, number)) + SPARE
-    counts = problem.rows.bound & _concerned(problem, number)[:, None]
+    least = float(_least_margin(problem, attitude, joints, number)) + SPARE
+    counts = problem.rows.bound & _rows_about_device(problem, number)[:, None]
     off = np.where(counts, np.abs(margins - least), np.inf)
     row, sight = np.unravel_index(np.argmin(off), off.shape)
     own = tuple(problem.spacecraft.gimbals.joints_of(number).tolist())
@@ -256,11 +261,11 @@ def _with_nearest_pair(
         share=np.array(share),
         row=np.array(row),
         sight=np.array(sight),
-        ties=bool(np.sum(off <= _TIE) > 1),
+        ties=bool(np.sum(off <= _TIE_TOLERANCE) > 1),
     )
 
 
-def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) -> AnyArray:
+def _set_joints(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) -> AnyArray:
     """Return a copy of joints (J,) in which the o joints numbered `own` have `values` (o,).
 
     It is an array of numpy, or of JAX where either argument is.
@@ -273,7 +278,7 @@ def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) ->
     return found
 
 
-def _each(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _joints_at_places(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return k copies (k, J) of joints (J,), in which the o joints numbered `own` have `places` (k, o)."""
     found = np.repeat(joints[None], len(places), axis=0)
     found[:, own] = places

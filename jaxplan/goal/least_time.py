@@ -39,8 +39,8 @@ STATIONARY = 1e-7
 """Largest residual of the conditions of optimality of an end that is a goal; beyond, see `SURE`."""
 SURE = 2e-3
 """Share of the time by which an end that is not stationary must beat all that are, to be a goal."""
-_ALIKE = 1e-9  # relative difference below which the axes' ratios of rate to acceleration count as equal
-_TERMS = (5, 4, 4)  # of the polynomials in place of tabulated shares: off by 0.4 % in the mean
+_RATIO_TOLERANCE = 1e-9  # relative difference below which ratios of rate to acceleration count as equal
+_POLYNOMIAL_TERMS = (5, 4, 4)  # of the polynomials in place of tabulated shares: off by 0.4 % in the mean
 INSTANT = 1e-9
 """s; where the goal of least rotation takes no longer than this, no other goals are looked for."""
 
@@ -91,16 +91,16 @@ def soonest(
         (at most count, 4) unit quaternions of the rotation from the start, scalar first and not negative, 2
         deg or more apart, the quickest first. The nearest of all is among them where more than one is wanted.
     """
-    if _times(problem, nearest)[0] <= INSTANT:
+    if _least_times(problem, nearest)[0] <= INSTANT:
         return nearest
-    starts = np.concatenate([nearest, _starts(problem, caps, LANES - len(nearest), seed)])[:LANES]
+    starts = np.concatenate([nearest, _quickest_starts(problem, caps, LANES - len(nearest), seed)])[:LANES]
     ends = descended(problem, caps, starts)
     clear = (ends.excess <= CLEAR) & (multistart.slew(ends.quaternion) <= max_slew)
     found = np.concatenate([nearest, ends.quaternion[clear]])
     settled = np.concatenate([np.ones(len(nearest), bool), ends.residual[clear] <= STATIONARY])
-    after = _times(problem, found)
+    after = _least_times(problem, found)
     settled |= after < (1 - SURE) * np.min(after[settled])
-    return _distinct(found[settled], after[settled], nearest[0], count)
+    return _pick_distinct(found[settled], after[settled], nearest[0], count)
 
 
 def by_time(problem: GoalProblem, goals: list[Goal]) -> list[Goal]:
@@ -120,7 +120,7 @@ def descended(problem: GoalProblem, caps: Caps, starts: np.ndarray) -> Soonest:
     starts = np.resize(starts, (LANES, 4))
     asked = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
     moving = pointers(problem.spacecraft, problem.aims, problem.wishes, problem.start, problem.rest, unit)
-    first = np.clip(_times(problem, starts) / unit, *TIMES)
+    first = np.clip(_least_times(problem, starts) / unit, *TIMES)
     turning = platform(problem.spacecraft, unit)
     packed = np.asarray(soonest_ends(np.ascontiguousarray(starts.T), first, *asked, moving, turning))
     return Soonest(packed[:4].T, *packed[4:])
@@ -156,7 +156,7 @@ def pointers(
     each += [(w.device, w.direction, w.frame, w.box, True) for w in wishes if w.kind != "instrument"]
     own = [gimbals.joints_of(number) for number, *_ in each]
     spare = max(4, padded_count(len(each))) - len(each)
-    _, directions, frames, ranges, cut = zip(*each, *[_NOBODY] * spare, strict=True)
+    _, directions, frames, ranges, cut = zip(*each, *[_PADDING_DEVICE] * spare, strict=True)
 
     def by_angle(values: AnyArray, other: float) -> AnyArray:
         """Return values (J,) of joints by device, azimuth then elevation (p, 2); `other` for no joint."""
@@ -176,7 +176,7 @@ def pointers(
     )
 
 
-_NOBODY = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.0, 1.0]]), False)
+_PADDING_DEVICE = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.0, 1.0]]), False)
 
 
 def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
@@ -207,7 +207,7 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         across = [every - np.outer(axis, axis) for axis in every]
         planes = [[own.top(plane) for plane in across], [own.growth(plane, 0.0) for plane in across]]
     boxes = [rate, xp.sqrt(rate * acceleration), acceleration]
-    if xp is np and np.ptp(rate / acceleration) <= _ALIKE * np.max(rate / acceleration):
+    if xp is np and np.ptp(rate / acceleration) <= _RATIO_TOLERANCE * np.max(rate / acceleration):
         boxes = boxes[:1]
     axes, rates, shares = [], [], []
     for box in boxes:
@@ -215,7 +215,7 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         share, own = turn_table("box").at(box[order])
         axes.append(xp.eye(3)[order].T)
         rates.append(own)
-        shares.append(_smooth(share))
+        shares.append(_fit_shares(share))
     tops, growths = (
         [
             *(
@@ -235,22 +235,22 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
     )
 
 
-def _smooth(shares: AnyArray) -> AnyArray:
+def _fit_shares(shares: AnyArray) -> AnyArray:
     """Fit tabulated shares of `turn_table` by polynomials, in the sense of least squares.
 
     Args:
         shares: (3, A, L, L), tabulated at A angles and twice L ratios for each of three axes.
 
     Returns:
-        (3, i, j, k) coefficients of Legendre polynomials; i, j and k are `_TERMS`.
+        (3, i, j, k) coefficients of Legendre polynomials; i, j and k are `_POLYNOMIAL_TERMS`.
     """
-    for count, terms in zip(shares.shape[1:], _TERMS, strict=True):
-        shares = array_module(shares).tensordot(shares, _fit(count, terms), axes=(1, 1))
+    for count, terms in zip(shares.shape[1:], _POLYNOMIAL_TERMS, strict=True):
+        shares = array_module(shares).tensordot(shares, _legendre_fit_matrix(count, terms), axes=(1, 1))
     return shares
 
 
 @cache
-def _fit(count: int, terms: int) -> np.ndarray:
+def _legendre_fit_matrix(count: int, terms: int) -> np.ndarray:
     """Return the matrix (terms, count) from values at `count` places to Legendre coefficients.
 
     The places are evenly spaced from 0 to 1, ends included.
@@ -258,7 +258,7 @@ def _fit(count: int, terms: int) -> np.ndarray:
     return np.linalg.pinv(np.stack(legendre(np.linspace(0, 1, count), terms), axis=1))
 
 
-def _times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
+def _least_times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
     """Return least times (K,) s of K rotations from the start, with joints from `likely_joints`.
 
     `quaternions` (K, 4) are of unit length, scalar first.
@@ -267,15 +267,15 @@ def _times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
     return times(problem, attitudes, likely_joints(problem, attitudes))
 
 
-def _starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarray:
+def _quickest_starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarray:
     """Return points (at most count, 4) of the covering near which a solution may lie, the quickest first."""
     points = multistart.covering_points(seed)
     possible = np.flatnonzero(multistart.depths(caps, seed) <= 0)
-    first = np.argsort(_times(problem, points[possible]), kind="stable")[:count]
+    first = np.argsort(_least_times(problem, points[possible]), kind="stable")[:count]
     return points[possible[first]]
 
 
-def _distinct(quaternions: np.ndarray, times: np.ndarray, nearest: np.ndarray, count: int) -> np.ndarray:
+def _pick_distinct(quaternions: np.ndarray, times: np.ndarray, nearest: np.ndarray, count: int) -> np.ndarray:
     """Return the quickest quaternions (at most count, 4) that are `multistart.APART` or more from each other.
 
     Args:

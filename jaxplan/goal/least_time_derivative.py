@@ -53,13 +53,13 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
     """
     still = jax.lax.stop_gradient(conditions)
     way, *_ = ways(still.turn, still.pointers, still.platform)
-    time = jnp.max(_times(way[:, 0], *speed_limits(still.pointers, still.platform)))
+    time = jnp.max(_least_times(way[:, 0], *speed_limits(still.pointers, still.platform)))
     guess = jnp.concatenate([jnp.zeros(3, time.dtype), time[None]])
     at = jnp.zeros(4, time.dtype).at[3].set(time)
-    excess, slopes = _beyond(still, at), jax.jacfwd(lambda z: _beyond(still, z))(at)
+    excess, slopes = _constraint_excess(still, at), jax.jacfwd(lambda z: _constraint_excess(still, z))(at)
     met = jnp.concatenate([matter, jnp.ones(len(way), bool)])
     excess = jnp.where(met, excess.at[equations.ravel()].set(0.0), MET)
-    gradient = jax.grad(lambda z: _least(still, z))(at)
+    gradient = jax.grad(lambda z: _objective(still, z))(at)
     _, active, _ = descent.solve(
         jnp.eye(4)[:, :, None], gradient[:, None], slopes.T[:, :, None], excess[:, None]
     )
@@ -70,17 +70,17 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
         put = missing & (number[slot] < 0)
         number = jnp.where(put & (np.arange(4) == slot), upper, number)
     own = conditions._replace(number=number)
-    root = implicit_root(_EQUATIONS, own, jnp.concatenate([guess, multiplier]))
+    root = implicit_root(_KKT_EQUATIONS, own, jnp.concatenate([guess, multiplier]))
     return turned(conditions.turn, root[:3, None])
 
 
-def _times(way: Array, top: Array, growth: Array) -> Array:
+def _least_times(way: Array, top: Array, growth: Array) -> Array:
     """Return least times from rest to rest over w ways (w,), with limits (w,) of rate and acceleration."""
     way = jnp.maximum(way, 0)
     return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
 
 
-def _beyond(own: Conditions, at: Array) -> Array:
+def _constraint_excess(own: Conditions, at: Array) -> Array:
     """Return the excess over the m caps and then the w ways less their reach, (m + w,).
 
     `at` (4,) is the turn from the goal found, rad, and the time.
@@ -92,16 +92,16 @@ def _beyond(own: Conditions, at: Array) -> Array:
     return jnp.concatenate([excess, way - reached])[:, 0]
 
 
-def _least(own: Conditions, at: Array) -> Array:
+def _objective(own: Conditions, at: Array) -> Array:
     """Return the objective: half the square of the time plus a little of that of the turn.
 
-    The second term makes the optimum unique. `at` is as for `_beyond`.
+    The second term makes the optimum unique. `at` is as for `_constraint_excess`.
     """
     _, eta, _ = angle_terms(turned(own.turn, at[:3, None]))
     return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
 
 
-def _gradient(own: Conditions, z: Array) -> Array:
+def _kkt_residual(own: Conditions, z: Array) -> Array:
     """Return the residual (8,) of the conditions of optimality.
 
     ``z`` is the turn (3,) rad from the goal found, the time, and the multipliers (4,).
@@ -109,20 +109,22 @@ def _gradient(own: Conditions, z: Array) -> Array:
     used, number = own.number >= 0, jnp.maximum(own.number, 0)
 
     def lagrangian(at: Array) -> tuple[Array, Array]:
-        depth = jnp.where(used, _beyond(own, at)[number], 0)
-        return _least(own, at) + jnp.sum(z[4:] * depth), depth
+        depth = jnp.where(used, _constraint_excess(own, at)[number], 0)
+        return _objective(own, at) + jnp.sum(z[4:] * depth), depth
 
     slope, depth = jax.grad(lagrangian, has_aux=True)(z[:4])
     return jnp.concatenate([slope, jnp.where(used, depth, z[4:])])
 
 
-def _inverse(own: Conditions, z: Array) -> Array:
-    """Return the pseudoinverse (8, 8) of the derivative of `_gradient` by ``z``.
+def _kkt_inverse(own: Conditions, z: Array) -> Array:
+    """Return the pseudoinverse (8, 8) of the derivative of `_kkt_residual` by ``z``.
 
     It is zero along directions that are not determined.
     """
-    derivative: Any = jax.jacfwd(lambda z: _gradient(own, z))(z)
+    derivative: Any = jax.jacfwd(lambda z: _kkt_residual(own, z))(z)
     return jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
 
 
-_EQUATIONS = Equations(residual=_gradient, factor=_inverse, solve=jnp.matmul, steps=1, tolerance=0.0)
+_KKT_EQUATIONS = Equations(
+    residual=_kkt_residual, factor=_kkt_inverse, solve=jnp.matmul, steps=1, tolerance=0.0
+)

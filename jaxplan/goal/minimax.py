@@ -142,7 +142,7 @@ def soonest_ends(
         residual = jnp.maximum(jnp.maximum(size, slackness) / scale, beyond)
         point = _Point(quaternion, time, jnp.max(excess, axis=0), residual)
 
-        inverses = _inverse(hessian, corner, normals, PROXIMITY * scale)
+        inverses = _inverse_hessian(hessian, corner, normals, PROXIMITY * scale)
         pushed = gradient + PROXIMITY * scale * jnp.sum(normals * depth, axis=1)
         move, active, lost = solve(inverses, pushed, gradients, every)
         matrix, pull = restoration(slopes, excess)
@@ -160,7 +160,7 @@ def soonest_ends(
     return jnp.concatenate([end.quaternion, jnp.stack([end.time, end.excess, end.residual])])
 
 
-def _inverse(hessian: Array, corner: Array, normals: Array, proximity: Array) -> Array:
+def _inverse_hessian(hessian: Array, corner: Array, normals: Array, proximity: Array) -> Array:
     """Return the inverse (4, 4, K) of the augmented Hessian, shifted to be positive definite.
 
     The augmented Hessian is that of the Lagrangian plus the squares of the active constraints. There are K

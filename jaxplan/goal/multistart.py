@@ -39,10 +39,10 @@ RADIUS = 0.25
 BEYOND = 704
 """Points taken twice: the (r + sin r) / pi of all within r = `RADIUS` of half a turn, and a few more."""
 
-# The spiral turns by 1 / _FIRST and 1 / _SECOND of a circle a point in its two planes. Both come from the
-# positive roots of x^4 = x + 4 and x^2 = 2, which keep the points apart best.
-_FIRST = np.sqrt(2.0)
-_SECOND = 1.533751168755204288118041
+# Points to a turn of the spiral in each of its two planes. They come from the positive roots of x^4 = x + 4
+# and x^2 = 2, which keep the points apart best.
+_FIRST_SPIRAL_PERIOD = np.sqrt(2.0)
+_SECOND_SPIRAL_PERIOD = 1.533751168755204288118041
 
 NEAR = 64
 """Starts of the first batch with the least slew; the others are spread over the rest."""
@@ -60,8 +60,10 @@ PRECISION = 3e-7
 """rad; to which the least widening is found."""
 TOGETHER = 256
 """Satellites of one call of `nearest_attitudes`: there is one shape to compile."""
-_HALF = np.sqrt(0.5)
-_STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_HALF], [0.0, 0, 0, 1.0]])
+_SQRT_HALF = np.sqrt(0.5)
+_START_QUATERNIONS = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [_SQRT_HALF, 0, 0, _SQRT_HALF], [_SQRT_HALF, 0, 0, -_SQRT_HALF], [0.0, 0, 0, 1.0]]
+)
 
 
 @lru_cache(maxsize=8)
@@ -77,7 +79,7 @@ def covering_points(seed: int) -> np.ndarray:
     """
     step = np.arange(POINTS) + 0.5
     share = step / POINTS
-    first, second = 2 * np.pi * step / _FIRST, 2 * np.pi * step / _SECOND
+    first, second = 2 * np.pi * step / _FIRST_SPIRAL_PERIOD, 2 * np.pi * step / _SECOND_SPIRAL_PERIOD
     spiral = np.stack(
         [
             np.sqrt(share) * np.sin(first),
@@ -93,7 +95,7 @@ def covering_points(seed: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _rotations(seed: int) -> np.ndarray:
+def _covering_matrices(seed: int) -> np.ndarray:
     """Return the rotation matrices of the N `covering_points`, as entries (9, N) in single precision."""
     return np.array(rotations.matrix(covering_points(seed).T), dtype=np.float32).reshape(9, -1)
 
@@ -114,7 +116,7 @@ def depths(caps: Caps, seed: int) -> np.ndarray:
     reach = caps.half_angle - RADIUS
     excluded = np.where(reach > 0, np.cos(reach), np.inf)
     single = np.float32
-    depth = entries.astype(single) @ _rotations(seed) - excluded.astype(single)[:, None]
+    depth = entries.astype(single) @ _covering_matrices(seed) - excluded.astype(single)[:, None]
     found: np.ndarray = np.max(group_excess(depth, caps.member, caps.group), axis=0)
     return found
 
@@ -143,7 +145,7 @@ def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
             break
         more, also = _minima_from(caps, points[possible[begin : begin + LANES]])
         found, clear = np.concatenate([found, more]), np.concatenate([clear, also])
-    return _distinct(found, count) if len(found) else _distinct(clear, 1)
+    return _pick_distinct(found, count) if len(found) else _pick_distinct(clear, 1)
 
 
 def minimum_near(caps: Caps, start: np.ndarray) -> np.ndarray:
@@ -159,7 +161,7 @@ def minimum_near(caps: Caps, start: np.ndarray) -> np.ndarray:
     found, clear = _minima_from(caps, start[None])
     if not len(found) and caps.clear(quaternion.to_matrix(start)):
         clear = np.concatenate([clear, start[None]])
-    return _distinct(found if len(found) else clear, 1)
+    return _pick_distinct(found if len(found) else clear, 1)
 
 
 def slew(quaternions: np.ndarray) -> np.ndarray:
@@ -186,7 +188,7 @@ def _minima_from(caps: Caps, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return good, clear
 
 
-def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
+def _pick_distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
     """Return the quaternions (at most count, 4) of least slew that are `APART` or more from each other."""
     slews = slew(quaternions)
     left = np.argsort(slews, kind="stable")
@@ -253,12 +255,12 @@ def nearest_attitudes(
     for first in range(0, count, TOGETHER):
         rows = np.arange(first, min(first + TOGETHER, count))
         padded = np.resize(rows, TOGETHER)
-        part = _nearest(spacecraft, start_attitudes[padded], directions[padded])
+        part = _solve_batch(spacecraft, start_attitudes[padded], directions[padded])
         attitudes[rows], joints[rows], found[rows] = (values[: len(rows)] for values in part)
     return attitudes, np.clip(joints, *ranges.T), found
 
 
-def _nearest(
+def _solve_batch(
     spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute `nearest_attitudes` for one batch of `TOGETHER` satellites, with joints not clipped."""
@@ -267,7 +269,11 @@ def _nearest(
     toward = np.take(directions, np.maximum(caps.sight, 0), axis=1) @ starts
     toward[:, caps.half_angle < 0] = 0
     with jax.enable_x64(True):
-        packed = np.asarray(_descents(_STARTS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group))
+        packed = np.asarray(
+            _descend_satellites(
+                _START_QUATERNIONS.T, caps.axis, toward, caps.half_angle, caps.member, caps.group
+            )
+        )
     ends = Minima(np.swapaxes(packed[:, :4], 1, 2), *np.swapaxes(packed[:, 4:], 0, 1))
     good = ends.good(LAST_TOLERANCE)
     best = np.argmin(np.where(good, ends.slew, np.inf), axis=-1)
@@ -281,7 +287,7 @@ def _nearest(
 
 
 @quick_jit
-def _descents(
+def _descend_satellites(
     starts: Array, axis: Array, directions: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
     """Run `descent_ends` for N satellites at once, K starts each and m caps.

@@ -36,38 +36,38 @@ SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
 AS_NEAR = 1e-6
 """rad; goals whose distances to a wish differ by less are as near to it."""
-_COARSE = np.deg2rad(1.0)
+_STARTS_AS_NEAR = np.deg2rad(1.0)
 """rad; starts whose distances to a wish differ by less are as near to it."""
-_STEP = 1e-5  # rad, step of central differences
-_ITERATIONS = 60  # most iterations of SLSQP
-_NEWTON = 6  # steps of Newton's method onto the equations; each squares the residual
-_CHANGES = 4  # descents at most, each with the entries that hold best where the one before ended
+_DIFFERENCE_STEP = 1e-5  # rad, step of central differences
+_MAX_SLSQP_ITERATIONS = 60  # most iterations of SLSQP
+_NEWTON_STEPS = 6  # steps of Newton's method onto the equations; each squares the residual
+_MAX_DESCENTS = 4  # descents at most, each with the entries that hold best where the one before ended
 
 
-def _equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
+def _equation_residuals(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
     """Return how far the e equations of azimuth and elevation are off at ``eta`` (..., 3), (..., e) rad."""
     aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
     off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
     return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
 
 
-def _met(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
+def _solve_equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
     """Return rotation vectors (..., 3) rad near ``eta`` (..., 3) at which all equations hold.
 
     They are found by a few steps of Newton's method.
     """
-    for _ in range(_NEWTON if problem.aims.has_equations else 0):
-        slopes = _slopes(lambda moved: _equations(problem, moved), eta)
-        off = _equations(problem, eta)
+    for _ in range(_NEWTON_STEPS if problem.aims.has_equations else 0):
+        slopes = _central_differences(lambda moved: _equation_residuals(problem, moved), eta)
+        off = _equation_residuals(problem, eta)
         eta = eta - (np.linalg.pinv(slopes, rcond=1e-6) @ off[..., None])[..., 0]
     return eta
 
 
-def _slopes(function: Callable[[np.ndarray], np.ndarray], eta: np.ndarray) -> np.ndarray:
+def _central_differences(function: Callable[[np.ndarray], np.ndarray], eta: np.ndarray) -> np.ndarray:
     """Return central differences (..., c, 3) of a function of ``eta`` (..., 3) with c values."""
-    steps = _STEP * np.eye(3)
+    steps = _DIFFERENCE_STEP * np.eye(3)
     ahead, behind = (function(eta[..., None, :] + way * steps) for way in (1, -1))
-    return np.swapaxes((ahead - behind) / (2 * _STEP), -1, -2)
+    return np.swapaxes((ahead - behind) / (2 * _DIFFERENCE_STEP), -1, -2)
 
 
 def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed: int) -> list[Goal]:
@@ -84,22 +84,22 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
         first.
     """
     for widest in (WIDEST, np.pi):
-        tried = _met(problem, _around(problem.start, around, widest, seed))
-        left, margins = _spare(problem, tried)
+        tried = _solve_equations(problem, _draw_around(problem.start, around, widest, seed))
+        left, margins = _aim_and_pair_margins(problem, tried)
         least = np.min(constraint_margins(problem.rows, margins), axis=-1)
         tried = tried[(np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)]
         if len(tried):
             break
     found = []
-    for number in _distinct(problem, tried, STARTS_APART, _COARSE):
-        eta = _nearest(problem, tried[number])
+    for number in _pick_distinct(problem, tried, STARTS_APART, _STARTS_AS_NEAR):
+        eta = _find_local_minimum(problem, tried[number])
         if eta is not None and np.linalg.norm(eta) <= max_slew:
             found.append(eta)
     etas = np.array(found).reshape(-1, 3)
-    return [_goal(problem, etas[number]) for number in _distinct(problem, etas, APART, AS_NEAR)]
+    return [_make_goal(problem, etas[number]) for number in _pick_distinct(problem, etas, APART, AS_NEAR)]
 
 
-def _goal(problem: GoalProblem, eta: np.ndarray) -> Goal:
+def _make_goal(problem: GoalProblem, eta: np.ndarray) -> Goal:
     """Return the goal at a rotation vector (3,) rad, with free devices where they prefer to be."""
     attitude = problem.start @ np.asarray(so3.exp(eta))
     joints, _ = settled(problem, attitude, problem.joints(attitude))
@@ -118,7 +118,7 @@ def beyond(problem: GoalProblem, attitudes: np.ndarray, as_near: float = AS_NEAR
     return np.stack(off, axis=-1) if wishes else np.zeros((*attitudes.shape[:-2], 0))
 
 
-def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _aim_and_pair_margins(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how far aims are inside their ranges, and the margins of all pairs, at ``eta`` (..., 3).
 
     Returns:
@@ -130,10 +130,10 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
     ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
     left = -problem.aims.excess(attitudes)[..., ranged]
     margins = problem.margins(attitudes, problem.joints(attitudes))
-    return left, np.where(_aside(problem), np.inf, margins)
+    return left, np.where(_pairs_of_free_devices(problem), np.inf, margins)
 
 
-def _aside(problem: GoalProblem) -> np.ndarray:
+def _pairs_of_free_devices(problem: GoalProblem) -> np.ndarray:
     """Tell in which pairs a free device carries the sight, or the sight that is the row's axis.
 
     The result is (Z, S) bool, Z rows by S sights.
@@ -143,7 +143,7 @@ def _aside(problem: GoalProblem) -> np.ndarray:
     return free | ((rows.frame == SIGHT) & free[rows.partner])[:, None]
 
 
-def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> np.ndarray:
+def _draw_around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> np.ndarray:
     """Draw `TRIES` random attitudes, each up to `widest` rad from one of the given ones.
 
     Args:
@@ -162,7 +162,7 @@ def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> 
     return np.asarray(so3.log(np.swapaxes(start[None], -1, -2) @ centres @ np.asarray(so3.exp(turns))))
 
 
-def _distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: float) -> list[int]:
+def _pick_distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: float) -> list[int]:
     """Return the indices of the best of k rotation vectors (k, 3) rad from the start, `STARTS` at most.
 
     The best are those nearest to the wishes, see `beyond`, and among equals the shortest. Their attitudes are
@@ -177,7 +177,7 @@ def _distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: flo
     return found
 
 
-def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
+def _find_local_minimum(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
     """Find a local minimum of the rotation angle near a feasible rotation.
 
     Of a constraint with alternatives (`any_of`) the one that holds best is kept while the angle is minimised;
@@ -191,19 +191,19 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
         The rotation vector (3,) rad; None if a constraint does not hold there.
     """
     before: np.ndarray | None = None
-    for _ in range(_CHANGES):
-        _, margins = _spare(problem, eta)
+    for _ in range(_MAX_DESCENTS):
+        _, margins = _aim_and_pair_margins(problem, eta)
         best = chosen_entries(problem.rows, np.min(margins, axis=-1)) == problem.rows.entry
-        which = problem.rows.bound & best[:, None] & ~_aside(problem)
+        which = problem.rows.bound & best[:, None] & ~_pairs_of_free_devices(problem)
         if before is not None and np.all(which == before):
             break
-        eta, before = _met(problem, _descended(problem, eta, which)), which
-    left, margins = _spare(problem, eta)
+        eta, before = _solve_equations(problem, _run_slsqp(problem, eta, which)), which
+    left, margins = _aim_and_pair_margins(problem, eta)
     least = np.min([*left, *constraint_margins(problem.rows, margins)])
     return eta if least >= SPARE / 2 else None
 
 
-def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
+def _run_slsqp(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
     """Bring wishes near, one after the other, then minimise ``|eta|``; return where SLSQP ends, (3,) rad.
 
     It starts at ``eta`` (3,) and keeps the ranges and equations of the aims, and the margins of the pairs in
@@ -217,16 +217,18 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
         return problem.wishes[number].distance(problem.start @ np.asarray(so3.exp(eta)))
 
     def spare(eta: np.ndarray) -> np.ndarray:
-        left, margins = _spare(problem, eta)
+        left, margins = _aim_and_pair_margins(problem, eta)
         near = [reach + AS_NEAR - distance(number, eta)[..., None] for number, reach in enumerate(reaches)]
         return np.concatenate([*near, np.concatenate([left, margins[..., which]], axis=-1) - SPARE], axis=-1)
 
     constraints: list[dict[str, Any]] = [
-        {"type": "ineq", "fun": spare, "jac": lambda eta: _slopes(spare, eta)},
+        {"type": "ineq", "fun": spare, "jac": lambda eta: _central_differences(spare, eta)},
     ]
     if problem.aims.has_equations:
-        equations = partial(_equations, problem)
-        constraints.append({"type": "eq", "fun": equations, "jac": lambda eta: _slopes(equations, eta)})
+        equations = partial(_equation_residuals, problem)
+        constraints.append(
+            {"type": "eq", "fun": equations, "jac": lambda eta: _central_differences(equations, eta)}
+        )
 
     def ended(
         cost: Callable[[np.ndarray], Any], slope: Callable[[np.ndarray], Any], eta: np.ndarray
@@ -237,7 +239,7 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
             jac=slope,
             method="SLSQP",
             constraints=constraints,
-            options={"maxiter": _ITERATIONS, "ftol": 1e-14},
+            options={"maxiter": _MAX_SLSQP_ITERATIONS, "ftol": 1e-14},
         )
         return np.asarray(found.x)
 
@@ -246,6 +248,6 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
         def square(eta: np.ndarray, number: int = number) -> np.ndarray:
             return distance(number, eta)[..., None] ** 2 / 2
 
-        eta = ended(lambda eta: square(eta)[0], lambda eta: _slopes(square, eta)[0], eta)
+        eta = ended(lambda eta: square(eta)[0], lambda eta: _central_differences(square, eta)[0], eta)
         reaches.append(float(distance(number, eta)))
     return ended(lambda eta: eta @ eta / 2, lambda eta: eta, eta)

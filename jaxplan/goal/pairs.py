@@ -20,7 +20,7 @@ from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import Sights
 from jaxplan.model.scores import room
 
-_SOMEWHERE = np.array([0.0, 0.0, 1.0])  # stands for a direction that is not known
+_PLACEHOLDER_DIRECTION = np.array([0.0, 0.0, 1.0])  # stands for a direction that is not known
 
 
 class Pairs(NamedTuple):
@@ -69,7 +69,10 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
 
     def apart(sights: AnyArray, axes: AnyArray) -> AnyArray:
         # an angle to a vector of length zero, which stands for one that is not known, has no derivative
-        known = (xp.where(_is_known(part), part, _SOMEWHERE.astype(part.dtype)) for part in (sights, axes))
+        known = (
+            xp.where(_is_known(part), part, _PLACEHOLDER_DIRECTION.astype(part.dtype))
+            for part in (sights, axes)
+        )
         return pair_margins(rows, *known)
 
     margin = apart(toward, outside)
@@ -85,7 +88,7 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
         direction=xp.where(of_body, outside[:, None], toward),
         half_angle=xp.broadcast_to(xp.where(side > 0, 0, np.pi) + side * half_angle, rows.bound.shape),
     )
-    return _with_joints(pairs, rows, sights, known, rest) if rows.inner else pairs
+    return _with_joint_rows(pairs, rows, sights, known, rest) if rows.inner else pairs
 
 
 def _is_known(vectors: AnyArray) -> AnyArray:
@@ -94,7 +97,7 @@ def _is_known(vectors: AnyArray) -> AnyArray:
     return known
 
 
-def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
+def _with_joint_rows(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
     """Return the pairs with those of rows of joints filled in, for arguments as in `pairs_at_goal`.
 
     Such a pair is settled for a held device, and a cap where the row bounds a yaw or a pitch alone.

@@ -28,7 +28,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 from jaxplan.schema.reading import take_in
 
-_GOALS = 8  # most attitudes that are tried, for one that is clear of all zones
+_MAX_GOALS = 8  # most attitudes that are tried, for one that is clear of all zones
 
 
 class NotPointingError(ValueError):
@@ -120,20 +120,20 @@ def pointing_state(
     given = np.zeros(spacecraft.joint_count) if joints is None else np.asarray(joints, float)
     rest = np.clip(given, *spacecraft.joint_ranges.T)
     _check_range(spacecraft, asked.hold, given, rest)
-    _expect_seen(spacecraft, asked)
+    _check_targets_visible(spacecraft, asked)
     now, then = asked.at(0.0), rows.at(0.0)
-    found = decompose(spacecraft, near, now, then, start_joints=rest, max_goals=_GOALS)
+    found = decompose(spacecraft, near, now, then, start_joints=rest, max_goals=_MAX_GOALS)
     if not found.goals and found.aim_excess > 0:
-        raise NotPointingError(_unreachable(spacecraft, now, found))
+        raise NotPointingError(_unreachable_message(spacecraft, now, found))
     if not found.goals:
         bare = replace(scenario, keep_out=(), keep_in=(), joint_bounds=()).constraints.at(0.0)
         free = decompose(spacecraft, near, now, bare, start_joints=rest, max_goals=1)
         raise NotPointingError(
-            _in_the_way(scenario, asked, [_broken(scenario, then, one) for one in free.goals])
+            _blocked_message(scenario, asked, [_breach_phrases(scenario, then, one) for one in free.goals])
         )
-    broken = [_broken(scenario, then, goal) for goal in found.goals]
+    broken = [_breach_phrases(scenario, then, goal) for goal in found.goals]
     if all(broken):
-        raise NotPointingError(_in_the_way(scenario, asked, broken))
+        raise NotPointingError(_blocked_message(scenario, asked, broken))
     goal = found.goals[broken.index([])]
     spin, rates = np.zeros(3), np.zeros(len(goal.joints))
     if asked.moves:
@@ -163,7 +163,7 @@ def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near
                 raise NotPointingError(f"{what}, beyond its limit of {end:.6g} deg")
 
 
-def _expect_seen(craft: Spacecraft, asked: Targets) -> None:
+def _check_targets_visible(craft: Spacecraft, asked: Targets) -> None:
     """Raise `NotPointingError` if a target is hidden at the start, with what hides it and until when."""
     each = [
         hidden_words(path.hidden, name, 0.0, float(path.times[-1]), "at the start")
@@ -174,13 +174,13 @@ def _expect_seen(craft: Spacecraft, asked: Targets) -> None:
         raise NotPointingError("; ".join(unseen))
 
 
-def _unreachable(craft: Spacecraft, asked: Targets, found: Decomposition) -> str:
+def _unreachable_message(craft: Spacecraft, asked: Targets, found: Decomposition) -> str:
     """Return text saying that no attitude has all devices on target, and which devices miss at best."""
     words = "no attitude lets all devices point at their targets at the start"
     return f"{words}: {apart(craft, asked) or 'at best ' + off(craft, asked, found.aim_excesses)}"
 
 
-def _in_the_way(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[str]]) -> str:
+def _blocked_message(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[str]]) -> str:
     """Return text saying that zones leave no attitude with all devices on target, and what is in the way.
 
     `broken` holds, for some of the attitudes with all devices on target, the nearest first, phrases of what
@@ -195,7 +195,7 @@ def _in_the_way(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[st
     return f"{words}{tube}" + (f"; at one of them {'; '.join(phrases)}" if phrases else "")
 
 
-def _broken(scenario: Scenario, rows: Constraints, goal: Goal) -> list[str]:
+def _breach_phrases(scenario: Scenario, rows: Constraints, goal: Goal) -> list[str]:
     """Return a phrase for each of the rows' constraints that a goal breaks."""
     zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
     state = scenario.spacecraft, goal.attitude, goal.joints

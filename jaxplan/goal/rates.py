@@ -19,7 +19,7 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
 
-_ALIKE = 1e-9  # singular values below this share of the largest one count as zero
+_RANK_TOLERANCE = 1e-9  # singular values below this share of the largest one count as zero
 
 
 def least_rates(
@@ -50,17 +50,17 @@ def least_rates(
             axes = np.concatenate(gimbals.axes(azimuth[[number]], np.array([number])))
             axes = axes[: 2 if number < gimbals.terminals else 1]
             by_joints[number] = np.cross(axes, beam)
-            across = _beyond(across, by_joints[number])
+            across = _uncontrolled_directions(across, by_joints[number])
         # (omega x u) . c = omega . (u x c)
         matrix.append(np.cross(beam, across))
         right.append(across @ rate)
-    spin = np.linalg.pinv(np.concatenate(matrix), rcond=_ALIKE) @ np.concatenate(right)
+    spin = np.linalg.pinv(np.concatenate(matrix), rcond=_RANK_TOLERANCE) @ np.concatenate(right)
     rates = np.zeros(len(joints))
     for number, rate in zip(numbers, turned, strict=True):
         if number in by_joints:
             left = rate - np.cross(spin, boresights[number])
             own = [gimbals.yaws[number], *gimbals.pitches[number : number + 1]]
-            rates[own] = np.linalg.pinv(by_joints[number].T, rcond=_ALIKE) @ left
+            rates[own] = np.linalg.pinv(by_joints[number].T, rcond=_RANK_TOLERANCE) @ left
     return spin, rates
 
 
@@ -95,15 +95,15 @@ def differentiable_rates(
             axes = axes[: 2 if number < gimbals.terminals else 1]
             by_joints[number] = jnp.cross(axes, beam)  # at right angles to each other
             if number >= gimbals.terminals:
-                across = _unit(jnp.cross(beam, by_joints[number][0]))[None]
+                across = _normalise(jnp.cross(beam, by_joints[number][0]))[None]
         else:
-            first = _unit(jnp.cross(beam, jnp.eye(3)[jnp.argmin(jnp.abs(beam))]))
+            first = _normalise(jnp.cross(beam, jnp.eye(3)[jnp.argmin(jnp.abs(beam))]))
             across = jnp.stack([first, jnp.cross(beam, first)])
         matrix.append(jnp.cross(beam, across))
         right.append(across @ rate)
     rows, spin = jnp.concatenate(matrix), jnp.zeros(3)
     if len(rows):
-        spin = jnp.linalg.pinv(rows, rtol=_ALIKE) @ jnp.concatenate(right)
+        spin = jnp.linalg.pinv(rows, rtol=_RANK_TOLERANCE) @ jnp.concatenate(right)
     rates = jnp.zeros(joints.shape)
     for number, rate in zip(targets.numbers(craft), turned, strict=True):
         if number in by_joints:
@@ -113,12 +113,12 @@ def differentiable_rates(
     return spin, rates
 
 
-def _unit(vector: Array) -> Array:
+def _normalise(vector: Array) -> Array:
     """Return a vector (3,) brought to unit length."""
     return jnp.asarray(vector / length(vector))
 
 
-def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def _uncontrolled_directions(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return a basis of the part of a plane in which joints cannot move a beam: c orthonormal rows (c, 3).
 
     Args:
@@ -127,5 +127,5 @@ def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """
     across = directions @ moved.T
     _, sizes, own = np.linalg.svd(across.T)
-    rank = int(np.sum(sizes > _ALIKE * max(float(np.max(sizes, initial=0.0)), _ALIKE)))
+    rank = int(np.sum(sizes > _RANK_TOLERANCE * max(float(np.max(sizes, initial=0.0)), _RANK_TOLERANCE)))
     return np.asarray(own[rank:] @ directions)

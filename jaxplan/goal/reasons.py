@@ -12,7 +12,7 @@ from jaxplan.goal.aims import AZIMUTH, goal_ranges
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
-_AS_BAD = 0.5  # devices off by this share of the worst excess or more are named, too
+_NAMED_EXCESS_SHARE = 0.5  # devices off by this share of the worst excess or more are named, too
 
 
 def apart(craft: Spacecraft, asked: Targets) -> str | None:
@@ -44,12 +44,12 @@ def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
     """
     told: dict[str, str] = {}
     gimbals, ranges = craft.gimbals, goal_ranges(craft, asked)
-    bad = np.argwhere(excesses >= _AS_BAD * np.max(excesses)).tolist()
+    bad = np.argwhere(excesses >= _NAMED_EXCESS_SHARE * np.max(excesses)).tolist()
     for place, angle in bad:
         device, by = asked.numbers(craft)[place], np.rad2deg(excesses[place, angle])
         if device < len(craft.terminals) or (device < gimbals.count and angle == AZIMUTH):
             joint = (gimbals.yaws if angle == AZIMUTH else gimbals.pitches)[device]
-            told[craft.joint_names[joint]] = f"{by:.4g} deg beyond {_limits(ranges[joint])}"
+            told[craft.joint_names[joint]] = f"{by:.4g} deg beyond {_range_text(ranges[joint])}"
         else:  # an angle in the axes of its boresight: with the other one it makes up the distance
             by = np.rad2deg(np.linalg.norm(np.maximum(excesses[place], 0)))
             told[craft.device_names[device]] = f"{by:.4g} deg off its target"
@@ -57,7 +57,7 @@ def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
     return " and ".join(", ".join(each).rsplit(", ", 1))
 
 
-def _limits(ends: np.ndarray) -> str:
+def _range_text(ends: np.ndarray) -> str:
     """Return text for a joint's range (2,) rad, in degrees."""
     low, high = np.rad2deg(ends)
     return f"its limit of {high:.6g} deg" if low == -high else f"its range of {low:.6g} to {high:.6g} deg"

@@ -18,8 +18,8 @@ from jaxplan.goal.problem import GoalProblem, Wished
 
 SPARE = 4e-7
 """rad, by which a wish is met less than it might be, so that the next ones have room."""
-_NEARER = 6e-7  # rad; a smaller gain in nearness is not searched for
-_LOOKS = 6  # most searches of the whole covering for each wish
+_MIN_GAIN = 6e-7  # rad; a smaller gain in nearness is not searched for
+_MAX_SEARCHES = 6  # most searches of the whole covering for each wish
 
 
 def with_wishes(
@@ -44,12 +44,14 @@ def with_wishes(
         return problem, found
     near = found[0]
     for wish in wishes:
-        near, reach = _least(problem, wish, seed, near)
+        near, reach = _minimise_reach(problem, wish, seed, near)
         problem = replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach)))
     return problem, multistart.minimum_near(assemble(problem), near)
 
 
-def _least(problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray) -> tuple[np.ndarray, float]:
+def _minimise_reach(
+    problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Return the rotation from the start at which a wish is nearest, and how near it is.
 
     Args:
@@ -66,12 +68,12 @@ def _least(problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray) -> t
         return assemble(replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach))))
 
     least = np.pi
-    for _ in range(_LOOKS):
+    for _ in range(_MAX_SEARCHES):
         near, least = multistart.least_widening(within, least, seed, near)
-        if least <= _NEARER:
+        if least <= _MIN_GAIN:
             break
-        nearer = multistart.minima(within(least - _NEARER), 1, seed)
+        nearer = multistart.minima(within(least - _MIN_GAIN), 1, seed)
         if not len(nearer):
             break
-        near, least = nearer[0], least - _NEARER
+        near, least = nearer[0], least - _MIN_GAIN
     return near, least + SPARE

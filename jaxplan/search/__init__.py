@@ -48,7 +48,7 @@ _METHODS: dict[str, Method | str] = {
 """Search methods by name; those of jaxplan as "module:function", imported when they are first used."""
 
 
-def _method(name: str) -> Method:
+def _resolve_method(name: str) -> Method:
     """Return the search function of the method of a name, imported if it has not been yet."""
     known = _METHODS[name]
     if not isinstance(known, str):
@@ -58,12 +58,12 @@ def _method(name: str) -> Method:
     return found
 
 
-def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
+def _search_scene(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
     """Search one scene by the method of the given name, whatever method the settings name."""
     return search_batch([scene], [replace(settings, method=method)])[0]
 
 
-PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _METHODS}
+PLANNERS: dict[str, Planner] = {method: partial(_search_scene, method) for method in _METHODS}
 """Planners by name: functions from a scene and settings, whose `method` is ignored, to a result."""
 
 
@@ -82,7 +82,7 @@ def add_planner(method: str, search: Callable[[Scene, SearchSettings], SearchRes
     """
     if method in PLANNERS:
         raise ValueError(f"method = {method!r}: there is a planner of that name")
-    _METHODS[method], PLANNERS[method] = partial(_search_with, search), partial(_search, method)
+    _METHODS[method], PLANNERS[method] = partial(_run_added_planner, search), partial(_search_scene, method)
     SEARCH_METHODS.append(method)
 
 
@@ -92,7 +92,7 @@ def remove_planner(method: str) -> None:
     SEARCH_METHODS.remove(method)
 
 
-def _search_with(
+def _run_added_planner(
     search: Callable[[Scene, SearchSettings], SearchResult | SearchRun],
     scenes: Scenes,
     settings: Sequence[SearchSettings],
@@ -136,7 +136,7 @@ def search_batch(
     groups = grouped(finite, lambda number: (settings[number].method, scenes[number].packed[0]))
     for numbers in (part for group in groups for part in parts(picked(finite, group), POOL)):
         together = Scenes(picked(scenes, numbers))
-        search = _method(settings[numbers[0]].method)
+        search = _resolve_method(settings[numbers[0]].method)
         with jax.enable_x64(True):
             found = search(together, picked(share, numbers))
         for number, result, spent in zip(numbers, found, together.seconds.spent, strict=True):

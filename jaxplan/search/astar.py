@@ -39,8 +39,8 @@ from jaxplan.search.scene import Scene, SearchResult, tapered
 # Every so many turns the exploration queue gives the node to expand.
 EXPLORE_EVERY = 6
 
-_EDGE = np.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
-_ONWARD = np.arange(ONWARD_INTERVALS + 1) / ONWARD_INTERVALS
+_EDGE_FRACTIONS = np.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
+_ONWARD_FRACTIONS = np.arange(ONWARD_INTERVALS + 1) / ONWARD_INTERVALS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,14 +111,14 @@ class Children:
 
 
 # The rows, flattened, are the matrices that take the vector product with e_x, e_y and e_z from the right.
-_PRODUCTS = np.array(
+_CROSS_PRODUCT_MATRICES = np.array(
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], float
 )
 
 
 def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return k vectors (k, 3) rotated by the inverses of unit quaternions (..., 4), as (..., k, 3)."""
-    across = (quaternions[..., 1:] @ _PRODUCTS).reshape(*quaternions.shape[:-1], 3, 3)
+    across = (quaternions[..., 1:] @ _CROSS_PRODUCT_MATRICES).reshape(*quaternions.shape[:-1], 3, 3)
     twice = 2 * (vectors @ across)
     return vectors + quaternions[..., :1, None] * twice + twice @ across
 
@@ -210,7 +210,7 @@ class Search:
         self._root_queues = list(
             range(1 if rules.shared else rules.queues)
         )  # queues that have yet to expand it
-        self._uninformed = rules.informed  # the distance fields are still to be computed
+        self._fields_missing = rules.informed  # the distance fields are still to be computed
         self._turn = 0
         self._pending: tuple[Node, int, Moves] | None = None  # node, queue and moves that are being expanded
         self._status: Status | None = None
@@ -221,9 +221,9 @@ class Search:
         if self._root.ahead <= ARRIVED:
             self.arrival, self._status = self._root, Status.OK
         while self._status is None:
-            chosen = self._choose()
+            chosen = self._choose_node()
             if chosen is not None:
-                return self._expansion(*chosen)
+                return self._request_expansion(*chosen)
         return None
 
     def result(self) -> SearchResult:
@@ -235,32 +235,32 @@ class Search:
             status=self._status, path=path, expansions=len(self.expanded), queue_expansions=self.counts
         )
 
-    def _choose(self) -> tuple[Node, int] | None:
+    def _choose_node(self) -> tuple[Node, int] | None:
         """Take the next node to expand, and the queue that asks for it; None if this turn has no node.
 
         At the end of the search it sets the status, and returns None.
         """
-        if self._root_queues and not self._spent():
+        if self._root_queues and not self._is_spent():
             return self._root, self._root_queues.pop(0)
-        if self._uninformed and self.arrival is None and not self._spent():
-            self._uninformed, self.fields = False, distance_fields(self.scene)
+        if self._fields_missing and self.arrival is None and not self._is_spent():
+            self._fields_missing, self.fields = False, distance_fields(self.scene)
             return self._root, 0
         self._turn += 1
         queue = (self._turn - 1) % (len(self.queues) - 1) + 1
         if self.queues[queue].min_key() > self.settings.anchor_weight * self.queues[0].min_key():
             queue = 0
-        self._status = self._ending(self.queues[queue].min_key())
+        self._status = self._end_status(self.queues[queue].min_key())
         if self._status is not None:
             return None
         explore = self.rules.informed and self._turn % EXPLORE_EVERY == 0
-        node = self._any() if explore else self._next(queue)
+        node = self._pop_random() if explore else self._pop_least_key(queue)
         return None if node is None else (node, queue)
 
-    def _ending(self, key: float) -> Status | None:
+    def _end_status(self, key: float) -> Status | None:
         """Return the status with which the search ends before it expands a node of this key, or None."""
         if self.arrival is not None and self.goal_cost <= key:
             return Status.OK
-        if self._spent():
+        if self._is_spent():
             return Status.NODE_LIMIT
         return Status.TIME_LIMIT if working_time() >= self._deadline else None
 
@@ -269,25 +269,25 @@ class Search:
         """The number of expansions that each queue has asked for, the anchor's first."""
         return tuple(self.asked.count(queue) for queue in range(len(self.queues)))
 
-    def _spent(self) -> bool:
+    def _is_spent(self) -> bool:
         """Tell whether the allowed number of expansions has been made."""
         return len(self.expanded) >= self.settings.max_expansions
 
-    def _any(self) -> Node | None:
-        """Draw an open node, whatever its key; None if there is none, or `_open` refuses it."""
+    def _pop_random(self) -> Node | None:
+        """Draw an open node, whatever its key; None if there is none, or `_make_node` refuses it."""
         drawn = self.exploration.pop(self.rng)
-        return None if drawn is None else self._open(*drawn, 0)
+        return None if drawn is None else self._make_node(*drawn, 0)
 
-    def _next(self, queue: int) -> Node | None:
+    def _pop_least_key(self, queue: int) -> Node | None:
         """Take the open node of least key from a queue; None if its state was reached before as cheaply.
 
         If nothing is open, it is a random node that was expanded before, to try new moves from it.
         """
         if self.queues[queue].min_key() == np.inf:  # nothing open: try new moves from an old node
             return self.expanded[self.rng.integers(len(self.expanded))]
-        return self._open(*self.queues[queue].pop(), 0 if self.rules.shared else queue)
+        return self._make_node(*self.queues[queue].pop(), 0 if self.rules.shared else queue)
 
-    def _open(self, block: Block, child: int, closed: int) -> Node | None:
+    def _make_node(self, block: Block, child: int, closed: int) -> Node | None:
         """Make a child's node and record its cost; None if its state was expanded before at no higher cost.
 
         Args:
@@ -304,12 +304,12 @@ class Search:
         best[state] = node.cost
         return node
 
-    def _expansion(self, node: Node, queue: int) -> Call:
+    def _request_expansion(self, node: Node, queue: int) -> Call:
         """Propose moves from a node, for the queue that asks; return the call that computes its children."""
         moves = self.rules.propose(self.scene, node, self.rng, self.settings, len(self.expanded))
         self._pending = node, queue, moves
         return expansion_call(
-            node.packed, moves, self._clearance(node, moves), self.fields.table, edges=self.rules.edges
+            node.packed, moves, self._wanted_clearance(node, moves), self.fields.table, edges=self.rules.edges
         )
 
     def accept(self, answer: np.ndarray) -> None:
@@ -331,29 +331,31 @@ class Search:
         arrived &= valid
         if arrived.any():
             best = int(np.where(arrived, children.costs + ahead, np.inf).argmin())
-            self._arrive(children.make(best))
+            self._update_arrival(children.make(best))
         keys = children.costs + self.settings.heuristic_weight * heuristics
         block = Block(children, np.where(valid, keys, np.inf).reshape(len(self.queues), -1))
         for index in range(len(self.queues)) if self.rules.shared else (queue,):
             self.queues[index].push(block)
         self.exploration.push(block, (int(node.cost), int(node.ahead)))
 
-    def _arrive(self, node: Node) -> None:
+    def _update_arrival(self, node: Node) -> None:
         """Keep a node if the path through it and straight on to the goal is the cheapest so far."""
         if node.cost + node.ahead < self.goal_cost:
             self.goal_cost, self.arrival = node.cost + node.ahead, node
 
-    def _clearance(self, node: Node, moves: Moves) -> np.ndarray:
+    def _wanted_clearance(self, node: Node, moves: Moves) -> np.ndarray:
         """Return the clearance, rad, wanted on the intervals of a node's moves, then of motions onward."""
         if not self.rules.edges:  # the printed method knows no clearance
             return np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
         # the longest move stands for all, and the node's own way to the goal for its children's
         longest = np.sqrt(np.max(np.sum(moves.turns * moves.turns, axis=1))) / self.scene.attitude_step
-        onward = _taper(self.settings, node, _ONWARD, max(node.ahead - longest, 0.0))
-        return np.concatenate([_taper(self.settings, node, _EDGE, longest), onward])
+        onward = _tapered_clearance(self.settings, node, _ONWARD_FRACTIONS, max(node.ahead - longest, 0.0))
+        return np.concatenate([_tapered_clearance(self.settings, node, _EDGE_FRACTIONS, longest), onward])
 
 
-def _taper(settings: SearchSettings, node: Node, fraction: np.ndarray, length: float) -> np.ndarray:
+def _tapered_clearance(
+    settings: SearchSettings, node: Node, fraction: np.ndarray, length: float
+) -> np.ndarray:
     """Return the clearance, rad, wanted on intervals of a straight motion from a node.
 
     It shrinks to zero near start and goal.

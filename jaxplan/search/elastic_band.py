@@ -11,11 +11,11 @@ with every energy, equal pieces are the best. The second keeps joints from trave
 another is the slowest. Both are convex in the pieces.
 
 The band descends by damped Newton steps. The energy is taken to second order; clearances are linearised
-(Gauss-Newton). A step is sought among smooth displacements, K shapes (`_basis`) for each of the C components
-of a motion, so that a band bends as a whole and the system to solve has K C unknowns. Of several fractions of
-a step the best is taken. The result carries no promise: whether it is clear and shorter is for others to
-check. The elements of the system are sums over nodes, or pieces, of the product of two shapes and a second
-derivative. They are formed for the pairs p of shapes that overlap, and then put in their places.
+(Gauss-Newton). A step is sought among smooth displacements, K shapes (`_spline_basis`) for each of the C
+components of a motion, so that a band bends as a whole and the system to solve has K C unknowns. Of several
+fractions of a step the best is taken. The result carries no promise: whether it is clear and shorter is for
+others to check. The elements of the system are sums over nodes, or pieces, of the product of two shapes and a
+second derivative. They are formed for the pairs p of shapes that overlap, and then put in their places.
 
 A *slack* of a row (a condition on one or two directions, or on joints) is what its score has left to the
 threshold at which the wanted clearance is just kept, negative where it is broken; here scaled to about rad.
@@ -53,8 +53,8 @@ FAR = 0.15
 FRACTIONS = (1.0, 0.4, 0.12, 0.03)
 # Curvature added to that of the energy, to keep steps short: for all motion, and near zones (within FAR).
 DAMPING, NEAR_DAMPING = 0.2, 0.005
-_SHAPES = 8
-_TINY = 1e-12
+_SHAPE_COUNT = 8
+_NORM_OFFSET = 1e-12
 
 
 @jax.tree_util.register_dataclass
@@ -122,7 +122,7 @@ def _all_rows(scene: Scene) -> Constraints:
     """Return the rows of both tables, and those between two sights once more with these exchanged."""
     tables = list(scene.tables)
     if scene.grouped_cones.inner:
-        tables.append(_exchanged(scene.grouped_cones))
+        tables.append(_exchange_sights(scene.grouped_cones))
     before = np.cumsum([0, tables[0].half_angle.shape[0], 0])  # what is exchanged joins its constraint
 
     def joined(name: str) -> Array:
@@ -144,7 +144,7 @@ def _all_rows(scene: Scene) -> Constraints:
     )
 
 
-def _exchanged(rows: Constraints) -> Constraints:
+def _exchange_sights(rows: Constraints) -> Constraints:
     """Return rows between two sights with axis and sight exchanged; the other rows bind nothing."""
     bound = jnp.asarray(rows.bound)
     between = (jnp.asarray(rows.frame) == SIGHT) & jnp.any(bound, axis=1)
@@ -205,13 +205,13 @@ def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Ar
     if problem.grouped:  # of a constraint only the entry that holds best counts
         held = jnp.min(jnp.where(counts, slacks, jnp.inf), axis=1, initial=jnp.inf)
         if rows.nested:
-            held = jnp.min(jnp.where(_same(rows.entry), held, jnp.inf), axis=1)
-        best = jnp.max(jnp.where(_same(rows.group), held, -jnp.inf), axis=1)
+            held = jnp.min(jnp.where(_same_number(rows.entry), held, jnp.inf), axis=1)
+        best = jnp.max(jnp.where(_same_number(rows.group), held, -jnp.inf), axis=1)
         counts &= (held >= best)[:, None]
     return jnp.where(counts, slacks, FAR)
 
 
-def _same(number: ArrayLike) -> Array:
+def _same_number(number: ArrayLike) -> Array:
     """Tell for every two of z rows whether they have the same number (z,), as of their entry or group.
 
     The result is (z, z, 1, 1) bool.
@@ -240,13 +240,13 @@ def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
     return tension + PENALTY * jnp.sum(lacking, axis=-1)
 
 
-def _basis() -> np.ndarray:
+def _spline_basis() -> np.ndarray:
     """Return K shapes of displacement at the nodes, (PIECES + 1, K).
 
     They are cubic B-splines on even knots, zero at both ends.
     """
-    at = np.linspace(0, _SHAPES - 1, PIECES + 1)[:, None]
-    knots = np.concatenate([np.zeros(3), np.arange(_SHAPES), np.full(3, _SHAPES - 1.0)])
+    at = np.linspace(0, _SHAPE_COUNT - 1, PIECES + 1)[:, None]
+    knots = np.concatenate([np.zeros(3), np.arange(_SHAPE_COUNT), np.full(3, _SHAPE_COUNT - 1.0)])
     values = ((at >= knots[:-1]) & (at < knots[1:])).astype(float)
     for degree in range(1, 4):  # Cox and de Boor
         starts, ends = knots[: -1 - degree], knots[degree + 1 :]
@@ -259,19 +259,22 @@ def _basis() -> np.ndarray:
     return inner
 
 
-_AT_NODES = _basis()
-_ON_PIECES = np.diff(_AT_NODES, axis=0)
-_PAIRS = [
+_NODE_SHAPES = _spline_basis()
+_PIECE_SHAPES = np.diff(_NODE_SHAPES, axis=0)
+_SHAPE_PAIRS = [
     (i, j)
-    for i, j in combinations_with_replacement(range(_SHAPES), 2)
-    if np.any(_AT_NODES[:, i] * _AT_NODES[:, j])
+    for i, j in combinations_with_replacement(range(_SHAPE_COUNT), 2)
+    if np.any(_NODE_SHAPES[:, i] * _NODE_SHAPES[:, j])
 ]
-_NODE_PAIRS, _PIECE_PAIRS = (
-    np.stack([shapes[:, i] * shapes[:, j] for i, j in _PAIRS], axis=-1) for shapes in (_AT_NODES, _ON_PIECES)
+_NODE_PRODUCTS, _PIECE_PRODUCTS = (
+    np.stack([shapes[:, i] * shapes[:, j] for i, j in _SHAPE_PAIRS], axis=-1)
+    for shapes in (_NODE_SHAPES, _PIECE_SHAPES)
 )
 
 
-def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array, Array, Array]:
+def _penalty_derivatives(
+    problem: Problem, quaternions: Array, joints: Array
+) -> tuple[Array, Array, Array, Array]:
     """Return first and second derivatives of the energy's penalty at the s nodes of a band (4, s) and (J, s).
 
     Returns:
@@ -282,7 +285,7 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
     axes, body = nodes_seen(problem, quaternions[:, None], joints[:, None])
     slacks = zone_slacks(problem, axes, body, joints[:, None])[:, :, 0]
     zone, seen = axes[:, :, None, 0], body[:, None, :, 0]
-    by_yaw, by_pitch = _by_joints(problem.sights, body[:, :, 0], joints)
+    by_yaw, by_pitch = _sight_derivatives(problem.sights, body[:, :, 0], joints)
     turned = jnp.stack(cross(seen, zone))
     moved = jnp.stack([dot(by_yaw[:, None], zone), dot(by_pitch[:, None], zone)])
     factor = -jnp.asarray(constraints.side)
@@ -298,12 +301,12 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
     rows, weight, force = materialise(problem.steps[0], (rows, weight, 2 * PENALTY * jnp.minimum(slacks, 0)))
     first = jnp.sum(force * rows, axis=1)
     second = jnp.sum(weight * rows[:, None] * rows[None], axis=2)
-    first, second = (_of_devices(problem.sights, part) for part in (first, second))
+    first, second = (_sum_by_device(problem.sights, part) for part in (first, second))
     beyond = beyond_limits(problem, joints[:, None])[:, 0]
     return first, second, 2 * PENALTY * beyond, 2 * PENALTY * (beyond != 0)
 
 
-def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
+def _sight_derivatives(sights: Sights, body: Array, joints: Array) -> list[Array]:
     """Return derivatives of d sights by the yaw and by the pitch of their devices, (3, d, s) each.
 
     Args:
@@ -322,7 +325,7 @@ def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
     return [own * part[:, None] for own, part in zip(both, sights.turning, strict=True)]
 
 
-def _of_devices(sights: Sights, terms: Array) -> Array:
+def _sum_by_device(sights: Sights, terms: Array) -> Array:
     """Sum terms (..., d, s) by sight to terms by device, whose carried vectors count with it."""
     if not sights.carried.shape[0]:
         return terms
@@ -331,7 +334,7 @@ def _of_devices(sights: Sights, terms: Array) -> Array:
     return own.at[..., sights.carrier, :].add(carried)
 
 
-def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
+def _tension_derivatives(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
     """Return derivatives of the energy's mean over pieces by the motions on the pieces, in rad.
 
     `DAMPING` is included in the second derivatives.
@@ -346,7 +349,7 @@ def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[A
     """
     u = pieces(problem, quaternions[:, None], joints[:, None])[:, 0]
     squares = squares_of(u)
-    norm = jnp.sqrt(total(squares * squares) + _TINY)
+    norm = jnp.sqrt(total(squares * squares) + _NORM_OFFSET)
     squares = jnp.concatenate([squares[:1], squares[:1], squares])
     same = jnp.eye(len(u))[:, :, None]
     group = same.at[:3, :3].set(1)  # the components of the rotation make one size
@@ -357,8 +360,8 @@ def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[A
     return 2 * (squares / norm + TRAVEL) * u * scale / PIECES, second * scale[:, None] * scale / PIECES
 
 
-def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the index of each element of the Newton system among the packed terms (`_step`).
+def _system_indices(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the index of each element of the Newton system among the packed terms (`_newton_step`).
 
     Returns:
         Indices (K C, K C) of the terms of the pieces and joint limits, then of those of the zones. The packed
@@ -378,43 +381,43 @@ def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.n
             zone[c, e] = of_rotation + c * 3 + e
         elif min(device[c], device[e]) < 0 or device[c] == device[e]:
             zone[c, e] = of_devices + (row[c] * 5 + row[e]) * devices + max(device[c], device[e])
-    pair = np.full((_SHAPES, _SHAPES), -1)
-    for place, (i, j) in enumerate(_PAIRS):
+    pair = np.full((_SHAPE_COUNT, _SHAPE_COUNT), -1)
+    for place, (i, j) in enumerate(_SHAPE_PAIRS):
         pair[i, j] = pair[j, i] = place
     outer = pair[:, None, :, None]
 
     def placed(inner: np.ndarray) -> np.ndarray:
-        places = np.where(outer < 0, zero * len(_PAIRS), inner[:, None] * len(_PAIRS) + outer)
-        return places.reshape(_SHAPES * size, -1)
+        places = np.where(outer < 0, zero * len(_SHAPE_PAIRS), inner[:, None] * len(_SHAPE_PAIRS) + outer)
+        return places.reshape(_SHAPE_COUNT * size, -1)
 
     return placed(every), placed(zone)
 
 
-def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
+def _newton_step(problem: Problem, quaternions: Array, joints: Array) -> Array:
     """Return the damped Newton step of a band (4, s) and (J, s): displacements of its s nodes, (C, s) rad."""
     gimbals = problem.sights.gimbals
     terminals, drives = gimbals.terminals, gimbals.tilts.shape[0]
     devices = gimbals.count + problem.sights.fixed.shape[0]
-    push, bend, limit_push, limit_bend = _zone_terms(problem, quaternions, joints)
-    pull, stiff = _piece_terms(problem, quaternions, joints)
+    push, bend, limit_push, limit_bend = _penalty_derivatives(problem, quaternions, joints)
+    pull, stiff = _tension_derivatives(problem, quaternions, joints)
     of_joints = [push[3, :terminals], push[4, :terminals], push[3, terminals : gimbals.count]]
     joint_push = jnp.concatenate(of_joints) + limit_push
     force = jnp.concatenate([jnp.sum(push[:3], axis=1), joint_push])
-    gradient = (force @ _AT_NODES + pull @ _ON_PIECES).T  # (K, C)
+    gradient = (force @ _NODE_SHAPES + pull @ _PIECE_SHAPES).T  # (K, C)
 
-    every, zone = stiff @ _PIECE_PAIRS, bend @ _NODE_PAIRS  # (C, C, p), (5, 5, d, p)
-    own = jnp.pad(limit_bend @ _NODE_PAIRS, [(3, 0), (0, 0)])
+    every, zone = stiff @ _PIECE_PRODUCTS, bend @ _NODE_PRODUCTS  # (C, C, p), (5, 5, d, p)
+    own = jnp.pad(limit_bend @ _NODE_PRODUCTS, [(3, 0), (0, 0)])
     every += own[:, None] * np.eye(len(own))[..., None]
-    parts = [every, zone, jnp.sum(zone[:3, :3], axis=2), jnp.zeros(len(_PAIRS))]
+    parts = [every, zone, jnp.sum(zone[:3, :3], axis=2), jnp.zeros(len(_SHAPE_PAIRS))]
     packed = jnp.concatenate([part.ravel() for part in parts])
-    places = _places(terminals, drives, devices)
+    places = _system_indices(terminals, drives, devices)
     factor = jax.lax.linalg.cholesky(packed[places[0]] + packed[places[1]], symmetrize_input=False)
     half = jax.lax.linalg.triangular_solve(factor, gradient.reshape(-1, 1), left_side=True, lower=True)
     whole = jax.lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
-    return -(whole.reshape(gradient.shape).T @ _AT_NODES.T)
+    return -(whole.reshape(gradient.shape).T @ _NODE_SHAPES.T)
 
 
-def _moved(quaternions: Array, joints: Array, displacement: Array) -> tuple[Array, Array]:
+def _displace(quaternions: Array, joints: Array, displacement: Array) -> tuple[Array, Array]:
     """Return a band moved by displacements (C, ..., s) rad, of which the first three are body rotations."""
     turn = jnp.concatenate([jnp.ones_like(displacement[:1]), displacement[:3] / 2])
     return jnp.stack(unit(rotations.product(quaternions, turn))), joints + displacement[3:]
@@ -434,10 +437,10 @@ def descend(problem: Problem, quaternions: Array, joints: Array, iterations: int
     """
 
     def contract(_: int, nodes: tuple[Array, Array]) -> tuple[Array, Array]:
-        step = _step(problem, *nodes)
+        step = _newton_step(problem, *nodes)
         fractions = jnp.asarray(FRACTIONS)
-        tried = _moved(nodes[0][:, None], nodes[1][:, None], fractions[:, None] * step[:, None])
+        tried = _displace(nodes[0][:, None], nodes[1][:, None], fractions[:, None] * step[:, None])
         best = jnp.argmin(energy(problem, *materialise(problem.steps[0], tried)))
-        return _moved(*nodes, fractions[best] * step)
+        return _displace(*nodes, fractions[best] * step)
 
     return jax.lax.fori_loop(0, iterations, contract, (quaternions, joints))

@@ -102,7 +102,9 @@ def expansion_call(
         edges: True to check zones over the whole edge, and over the straight motion from each child to the
             goal too; False to check them at the children alone.
     """
-    return Call(_EXPANSIONS[edges], (node, moves.turns, moves.options, moves.choice, clearance, fields))
+    return Call(
+        _EXPANSION_KERNELS[edges], (node, moves.turns, moves.options, moves.choice, clearance, fields)
+    )
 
 
 def expansion(answer: np.ndarray, moves: Moves, *, edges: bool) -> Expansion:
@@ -145,13 +147,13 @@ def _expand(
     moved, whole_turns = lines_of_sight(
         scene, axes_at(scene, since[None]), joints, turns, pairs, EDGE_INTERVALS
     )
-    places, attitude_costs = _attitude_moves(scene, since, whole_turns, turns)
+    places, attitude_costs = _evaluate_attitude_moves(scene, since, whole_turns, turns)
     onward = None
     if edges:
         axes, ends = (moved.axes[0][:, :, -1], moved.axes[1][:, :, -1]), joints + pairs
         left = jnp.asarray(scene.goal_joints) - ends
         onward, _ = lines_of_sight(scene, axes, ends, places[:, 4:], left, ONWARD_INTERVALS)
-    joint_costs = _joint_moves(scene, joints, jnp.take_along_axis(options, choice[None], axis=1))
+    joint_costs = _joint_move_costs(scene, joints, jnp.take_along_axis(options, choice[None], axis=1))
     wanted = tuple(thresholds(rows, clearance) for rows in scene.tables)  # (k, z) each
     moved, onward, places, attitude_costs, joint_costs, wanted = materialise(
         scene.attitude_step, (moved, onward, places, attitude_costs, joint_costs, wanted)
@@ -180,10 +182,12 @@ def _expand(
     return jnp.concatenate([jnp.ravel(places), *(number.ravel() for number in numbers)])
 
 
-_EXPANSIONS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False, True)}
+_EXPANSION_KERNELS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False, True)}
 
 
-def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array) -> tuple[Array, Array]:
+def _evaluate_attitude_moves(
+    scene: Scene, since: Array, whole_turns: Array, turns: Array
+) -> tuple[Array, Array]:
     """Return the places (a, 7) to which attitude moves lead, as in `Expansion`, and costs (4, a).
 
     The costs are the steps of the move, and three distances that are left, rad: the angle to the goal, and
@@ -209,7 +213,7 @@ def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array
     return jnp.concatenate([ends, to_goal], axis=-1), jnp.stack(costs)
 
 
-def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
+def _joint_move_costs(scene: Scene, joints: Array, changes: Array) -> Array:
     """Return costs of m joint moves, (4, a or 1, m).
 
     They are the steps of the move, and three distances from its end to the goal: steps, L1 and L2 in rad. The

@@ -23,14 +23,14 @@ from jaxplan.search.scene import Scene
 
 SIZE = 20
 WALL = 6.0
-_NEIGHBOURS = 12
+_NEIGHBOUR_COUNT = 12
 
 
 @lru_cache(maxsize=1)
-def _grid() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _make_grid() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the grid's cells: unit directions (SIZE^2, 3), indices of neighbours, and angles to them, rad.
 
-    Indices and angles are (SIZE^2, _NEIGHBOURS); the cells are in the order of the map, row by row.
+    Indices and angles are (SIZE^2, _NEIGHBOUR_COUNT); the cells are in the order of the map, row by row.
     """
     centre = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
     u, v = np.meshgrid(centre, centre, indexing="ij")
@@ -40,7 +40,7 @@ def _grid() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     directions = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     cosines = directions @ directions.T
-    neighbours = np.argsort(-cosines, axis=1, kind="stable")[:, 1 : _NEIGHBOURS + 1]
+    neighbours = np.argsort(-cosines, axis=1, kind="stable")[:, 1 : _NEIGHBOUR_COUNT + 1]
     angles = np.arccos(np.minimum(np.take_along_axis(cosines, neighbours, axis=1), 1))
     return directions, neighbours, angles
 
@@ -79,7 +79,7 @@ def distance_fields(scene: Scene) -> Fields:
     from scipy.sparse import csr_array  # only scenes that need it pay for the import
     from scipy.sparse.csgraph import dijkstra
 
-    directions, neighbours, angles = _grid()
+    directions, neighbours, angles = _make_grid()
     cells, cones = len(directions), scene.cones
     within = scores(cones, directions @ cones.axis.T, 0.0) > thresholds(cones, 0.0)  # (cells, z)
     within &= cones.frame == INERTIAL  # what turns with the body is no place on the sphere
@@ -88,7 +88,7 @@ def distance_fields(scene: Scene) -> Fields:
     devices = len(price)
     weights = angles * (price[:, :, None] + price[:, neighbours]) / 2
     columns = neighbours + cells * np.arange(devices)[:, None, None]
-    rows = np.arange(devices * cells + 1) * _NEIGHBOURS
+    rows = np.arange(devices * cells + 1) * _NEIGHBOUR_COUNT
     graph = csr_array((weights.ravel(), columns.ravel(), rows), shape=(devices * cells, devices * cells))
     begin, end = np.argmax(scene.seen @ directions.T, axis=-1)
     every = np.arange(devices)

@@ -34,9 +34,9 @@ CELLS = (1440, (240, 120))
 """Number of cells of a drive's range, and of those of yaw and pitch."""
 TOLERANCE = 4e-9
 """rad by which a closed cell is deeper than it must be: more than a certificate lets pass."""
-_SPARE = 2e-5  # rad of margin that a device keeps to all constraints where it ends short of its goal
-_WIDER = tuple(np.deg2rad(0.25) * 1.25 ** np.arange(14))  # rad, half widths of gaps that are looked for
-_WAY = 1001  # places on the straight line from start to goal
+_SPARE_MARGIN = 2e-5  # rad of margin that a device keeps to all constraints where it ends short of its goal
+_WIDENINGS = tuple(np.deg2rad(0.25) * 1.25 ** np.arange(14))  # rad, half widths of gaps that are looked for
+_LINE_SAMPLES = 1001  # places on the straight line from start to goal
 
 
 @shown("device", "zones")
@@ -65,7 +65,7 @@ def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> Jo
     Returns:
         The first such device. None where every device by itself could pass, as far as the cells can tell.
     """
-    return next((found for found, _ in _barriers(scene, devices, (0.0,))), None)
+    return next((found for found, _ in _find_barriers(scene, devices, (0.0,))), None)
 
 
 def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
@@ -76,10 +76,10 @@ def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
         angle, rad, which is at least half the width of the gap. None where no widening tried separates a
         device's joints while it leaves start and goal open.
     """
-    return min(_barriers(scene, None, _WIDER), key=lambda found: found[1], default=None)
+    return min(_find_barriers(scene, None, _WIDENINGS), key=lambda found: found[1], default=None)
 
 
-def _barriers(
+def _find_barriers(
     scene: Scene, devices: Iterable[int] | None, wider: Sequence[float]
 ) -> Iterator[tuple[JointBarrier, float]]:
     """Find, for each device, what separates its joints once widened by the first sufficient angle of `wider`.
@@ -95,16 +95,16 @@ def _barriers(
     if not any(rows.inner for rows in scene.tables):  # nothing is a matter of joints alone
         return
     for device in range(scene.gimbals.count) if devices is None else devices:
-        tables = [_own(rows, scene, device) for rows in scene.tables]
+        tables = [_own_rows(rows, scene, device) for rows in scene.tables]
         if not any(np.any(rows.bound) for rows in tables):
             continue
         joints = scene.gimbals.joints_of(device)
         ends = scene.start_joints[joints], scene.goal_joints[joints]
         way = np.linspace(*ends, 201)
-        if all(np.all(depth <= 0) for _, depth in _depths(tables, scene, joints, way)):
+        if all(np.all(depth <= 0) for _, depth in _breach_depths(tables, scene, joints, way)):
             continue
         grid = _Grid.of(scene.joint_ranges[joints])
-        cells = list(_depths(tables, scene, joints, grid.centres, grid.sizes / 2))
+        cells = list(_breach_depths(tables, scene, joints, grid.centres, grid.sizes / 2))
         for by in wider:
             closed = [(zones, depth > TOLERANCE - by) for zones, depth in cells]
             shut = np.any([cells for _, cells in closed], axis=0)
@@ -126,13 +126,18 @@ def short_of(scene: Scene, device: int) -> np.ndarray:
     Returns:
         Angles of the device's joints, (1,) for a drive or (2,), rad.
     """
-    tables, joints = [_own(rows, scene, device) for rows in scene.tables], scene.gimbals.joints_of(device)
-    way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], _WAY)
-    broken = np.any([depth > -_SPARE for _, depth in _depths(tables, scene, joints, way)], axis=0)
+    tables, joints = (
+        [_own_rows(rows, scene, device) for rows in scene.tables],
+        scene.gimbals.joints_of(device),
+    )
+    way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], _LINE_SAMPLES)
+    broken = np.any(
+        [depth > -_SPARE_MARGIN for _, depth in _breach_depths(tables, scene, joints, way)], axis=0
+    )
     return np.asarray(way[max(int(np.argmax(broken)) - 1, 0)])
 
 
-def _own(rows: Constraints, scene: Scene, device: int) -> Constraints:
+def _own_rows(rows: Constraints, scene: Scene, device: int) -> Constraints:
     """Return the rows, binding only those pairs that depend on the joints of device `device` alone.
 
     A constraint of several entries keeps its pairs of sight and row only if all of them are such.
@@ -147,7 +152,7 @@ def _own(rows: Constraints, scene: Scene, device: int) -> Constraints:
     return replace(rows, bound=decided & ~np.isin(rows.group, open_groups)[:, None])
 
 
-def _depths(
+def _breach_depths(
     tables: list[Constraints],
     scene: Scene,
     joints: np.ndarray,
@@ -212,8 +217,8 @@ class _Grid:
 
         It is False where one of the places is in a closed cell.
         """
-        pieces = self._pieces(closed)
-        one, other = pieces[self._cell(start)], pieces[self._cell(goal)]
+        pieces = self._label_pieces(closed)
+        one, other = pieces[self._cell_indices(start)], pieces[self._cell_indices(goal)]
         return bool(one and other and one != other)
 
     def around(self, closed: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -221,18 +226,18 @@ class _Grid:
 
         `closed` (cells,) is bool.
         """
-        pieces = self._pieces(closed)
-        cells = np.argwhere(pieces == pieces[self._cell(start)])
+        pieces = self._label_pieces(closed)
+        cells = np.argwhere(pieces == pieces[self._cell_indices(start)])
         first, last = np.min(cells, axis=0), np.max(cells, axis=0) + 1
         return self.ranges[:, :1] + np.stack([first, last], axis=1) * self.sizes[:, None]
 
-    def _pieces(self, closed: np.ndarray) -> np.ndarray:
+    def _label_pieces(self, closed: np.ndarray) -> np.ndarray:
         """Number the connected pieces of open cells from 1, and return each cell's number; 0 if closed."""
         from scipy.ndimage import label  # slow to import, and seldom needed
 
         return np.asarray(label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))[0])
 
-    def _cell(self, place: np.ndarray) -> tuple[int, ...]:
+    def _cell_indices(self, place: np.ndarray) -> tuple[int, ...]:
         """Return the indices of the cell of a place, or of the nearest cell where it is out of range."""
         cell = (place - self.ranges[:, 0]) // self.sizes
         return tuple(np.clip(cell, 0, np.array(self.counts) - 1).astype(int).tolist())

@@ -41,17 +41,17 @@ class Kernel:
 
     def __init__(self, function: Callable[..., Array]) -> None:
         self.__wrapped__ = function
-        answers = partial(_answers, function)
-        answers.__name__ = _name(function)  # type: ignore[attr-defined]  # by which profiles tell kernels apart
+        answers = partial(_evaluate_calls, function)
+        answers.__name__ = _name_of(function)  # type: ignore[attr-defined]  # by which profiles name kernels
         self.answers = quick_jit(answers, level=1, static_argnames="layout")
 
 
-def _name(function: Any) -> str:
+def _name_of(function: Any) -> str:
     """Return the name of a function, also if it is a partial one."""
     return str(function.func.__name__ if isinstance(function, partial) else function.__name__)
 
 
-def _answers(
+def _evaluate_calls(
     function: Callable[..., Array],
     layout: Layout,
     scenes: Array,
@@ -121,10 +121,10 @@ class Scenes:
     def __init__(self, scenes: Sequence[Scene]) -> None:
         self.scenes = list(scenes)
         self.seconds = Seconds(len(scenes))
-        self._places = list(range(len(scenes)))
+        self._stack_places = list(range(len(scenes)))
         alone = len(scenes) == 1
         backend = jax.default_backend()
-        self._most = 1 if alone else CPU_CALLS if backend == "cpu" else ACCELERATOR_CALLS  # calls in one
+        self._max_calls = 1 if alone else CPU_CALLS if backend == "cpu" else ACCELERATOR_CALLS  # calls in one
         self._layout, first = scenes[0].packed
         vectors = np.zeros((1 if alone else POOL, len(first)))
         for place, scene in enumerate(scenes):
@@ -136,34 +136,34 @@ class Scenes:
         """Return the scenes of these numbers, which share the stack and the seconds of all."""
         some = object.__new__(Scenes)
         some.__dict__ |= self.__dict__
-        some.scenes, some._places = picked(self.scenes, numbers), picked(self._places, numbers)
+        some.scenes, some._stack_places = picked(self.scenes, numbers), picked(self._stack_places, numbers)
         return some
 
     def answers(self, calls: Sequence[Call]) -> list[np.ndarray]:
         """Answer one call about each scene, in order; each scene's share of the time goes to `seconds`."""
-        asked = list(zip(self._places, calls, strict=True))
-        with jax.enable_x64(True), self.seconds.shared(self._places):
-            return in_groups(asked, lambda one: one[1].kind, self._answered, most=self._most)
+        asked = list(zip(self._stack_places, calls, strict=True))
+        with jax.enable_x64(True), self.seconds.shared(self._stack_places):
+            return in_groups(asked, lambda one: one[1].kind, self._answer_batch, most=self._max_calls)
 
     def run(self, runs: Sequence[Run]) -> None:
         """Drive runs to their ends, one for each of `scenes` in order; each run keeps its own result."""
         with jax.enable_x64(True):
             if len(runs) == 1:  # needs no order of calls, nor to share out the time
-                with self.seconds.shared(self._places):
+                with self.seconds.shared(self._stack_places):
                     while (call := runs[0].next_request()) is not None:
-                        runs[0].accept(self._answered([(self._places[0], call)])[0])
+                        runs[0].accept(self._answer_batch([(self._stack_places[0], call)])[0])
                 return
             own = Seconds(len(runs))
-            run_all(runs, self._answers_of, most=self._most, seconds=own)
-            self.seconds.spent[self._places] += own.spent
+            run_all(runs, self._answer_numbered, most=self._max_calls, seconds=own)
+            self.seconds.spent[self._stack_places] += own.spent
 
-    def _answers_of(self, numbers: Sequence[int], calls: Sequence[Call]) -> list[np.ndarray]:
+    def _answer_numbered(self, numbers: Sequence[int], calls: Sequence[Call]) -> list[np.ndarray]:
         """Answer calls of one kind, each about the scene of its number."""
-        return self._answered(list(zip(picked(self._places, numbers), calls, strict=True)))
+        return self._answer_batch(list(zip(picked(self._stack_places, numbers), calls, strict=True)))
 
-    def _answered(self, asked: Sequence[tuple[int, Call]]) -> list[np.ndarray]:
-        """Answer at most `_most` calls of one kind, each given with the index of its scene in the stack."""
-        padded = [*asked, *[asked[0]] * (self._most - len(asked))]
+    def _answer_batch(self, asked: Sequence[tuple[int, Call]]) -> list[np.ndarray]:
+        """Answer at most `_max_calls` calls of one kind, each given with its scene's index in the stack."""
+        padded = [*asked, *[asked[0]] * (self._max_calls - len(asked))]
         places = np.array([place for place, _ in padded], np.int32)
         columns = zip(*(call.arguments for _, call in padded), strict=True)
         arguments = [np.stack(column) for column in columns]

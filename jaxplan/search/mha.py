@@ -123,15 +123,15 @@ def propose(
     reserve = np.minimum(JOINT_RESERVE * scene.joint_steps, (high - low) / 2)
     bounds = np.minimum(low + reserve, node.joints), np.maximum(high - reserve, node.joints)
     options[_AWAY] = np.clip(away, *bounds) - node.joints
-    choice = _joint_moves(scene, rng)
+    choice = _draw_joint_moves(scene, rng)
     if not scene.held_axes:
         return Moves(turns, options[None], choice)
     every = np.repeat(options[None], len(turns), axis=0)
-    every[:, _STAY] = _following(scene, node, turns, bounds)
+    every[:, _STAY] = _held_terminal_changes(scene, node, turns, bounds)
     return Moves(turns, every, choice)
 
 
-def _following(
+def _held_terminal_changes(
     scene: Scene, node: Node, turns: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Return joint changes that turn held terminals onto the axis of their keep-in cone.
@@ -156,7 +156,7 @@ def _following(
     return np.clip(joints, *bounds) - node.joints
 
 
-def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+def _draw_joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     """Return the option of each joint in each of M joint moves, (M, 2n).
 
     These are all combinations where they are few, else a random sample.
@@ -212,34 +212,34 @@ class Race:
 
     def next_request(self) -> Any:
         """Return the call of the search whose turn it is; None once one has a path, or both have ended."""
-        if self._head_start > 0 and self._call(0) is not None:
+        if self._head_start > 0 and self._pending_call(0) is not None:
             self._head_start -= 1
-            return self._call(0)
+            return self._pending_call(0)
         self._head_start = 0
         if self._has_path(0):
             return None
         other = 1 - self._turn
-        if self._call(other) is not None:
+        if self._pending_call(other) is not None:
             self._turn = other
             return self._calls[other]
-        return None if self._has_path(1) else self._call(self._turn)
+        return None if self._has_path(1) else self._pending_call(self._turn)
 
     def accept(self, answer: Any) -> None:
         """Hand the answer to the search whose call it was, and let it go on to its next call."""
         self._runs[self._turn].accept(answer)
-        self._go_on(self._turn)
+        self._advance(self._turn)
 
     def result(self) -> SearchResult:
         """Return the result of the search that found a path; where neither has, that of the first."""
         return self._results[1 if self._has_path(1) else 0]
 
-    def _call(self, one: int) -> Any:
+    def _pending_call(self, one: int) -> Any:
         """Return the call that search 0 or 1 waits for, None if it has ended; the first time, start it."""
         if one not in self._calls:
-            self._go_on(one)
+            self._advance(one)
         return self._calls[one]
 
-    def _go_on(self, one: int) -> None:
+    def _advance(self, one: int) -> None:
         """Ask search 0 or 1 for its next call; keep its result if it has ended."""
         self._calls[one] = self._runs[one].next_request()
         if self._calls[one] is None:
@@ -268,30 +268,30 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
         bands = straight_bands(some, own)
 
         def searched(left: list[int]) -> list[SearchResult]:
-            return _searched(some.part(left), picked(own, left), picked(bands, left), begin)
+            return _search_repeatedly(some.part(left), picked(own, left), picked(bands, left), begin)
 
         return completed(
-            [_near_straight(*one) for one in zip(some.scenes, own, bands, strict=True)], searched
+            [_near_straight_result(*one) for one in zip(some.scenes, own, bands, strict=True)], searched
         )
 
-    return completed([_without_expansion(path) for path in straight_paths(scenes, settings)], past_zones)
+    return completed([_unexpanded_result(path) for path in straight_paths(scenes, settings)], past_zones)
 
 
-def _near_straight(scene: Scene, settings: SearchSettings, band: Band | None) -> SearchResult | None:
+def _near_straight_result(scene: Scene, settings: SearchSettings, band: Band | None) -> SearchResult | None:
     """Return the result of a clear band nearly as short as the straight motion; None for any other."""
     enough = (SHORT_ENOUGH if settings.improvements else BAND_ENOUGH) * scene.straight_steps
     near = band is not None and band.clear and band.length <= enough
-    return _without_expansion(band.path(scene)) if near and band is not None else None
+    return _unexpanded_result(band.path(scene)) if near and band is not None else None
 
 
-def _without_expansion(path: Path | None) -> SearchResult | None:
+def _unexpanded_result(path: Path | None) -> SearchResult | None:
     """Return the result OK of a path found without expansions; None for None."""
     if path is None:
         return None
     return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,) * (QUEUES + 1))
 
 
-def _searched(
+def _search_repeatedly(
     scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands, begin: float
 ) -> list[SearchResult]:
     """Search each scene, some repeatedly, for its shortest path.
@@ -313,18 +313,19 @@ def _searched(
         efforts = {
             number: effort
             for number, scene in enumerate(scenes.scenes)
-            if (effort := _further_effort(scene, settings[number], best[number], attempt, spent)) is not None
+            if (effort := _further_settings(scene, settings[number], best[number], attempt, spent))
+            is not None
         }
         if not efforts:
             break
         again = list(efforts)
         found = _race(scenes.part(again), list(efforts.values()), picked(bands, again))
         for number, result in zip(again, found, strict=True):
-            best[number] = _shorter(best[number], result)
+            best[number] = _shorter_result(best[number], result)
     return best
 
 
-def _further_effort(
+def _further_settings(
     scene: Scene, settings: SearchSettings, best: SearchResult, attempt: int, spent: float
 ) -> SearchSettings | None:
     """Return settings of a further search for a shorter path; None where the best one is left as it is.
@@ -351,7 +352,7 @@ def _further_effort(
     return replace(settings, seed=seed, max_expansions=spare, time_limit=left)
 
 
-def _shorter(best: SearchResult, found: SearchResult) -> SearchResult:
+def _shorter_result(best: SearchResult, found: SearchResult) -> SearchResult:
     """Return the result with the shorter path, and the expansions of both added up."""
     assert best.path is not None
     shorter = found.path is not None and found.path.length < best.path.length

@@ -27,9 +27,9 @@ from jaxplan.search.scene import Scene, steps_between, tapered
 ARRIVED = 1e-9
 STRAIGHT_INTERVALS = 64
 CORNERS = 10  # nodes between which shortcuts are tried
-_FIRST, _LAST = np.array(list(combinations(range(CORNERS), 2))).T
+_PAIR_STARTS, _PAIR_ENDS = np.array(list(combinations(range(CORNERS), 2))).T
 _CORNER_INTERVALS, _EDGE_INTERVALS = 16, 4  # of a shortcut, and of an edge of at most a few steps
-_TINY = 1e-12  # steps
+_MIN_EDGE_COST = 1e-12  # steps
 
 
 def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
@@ -167,7 +167,7 @@ def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int)
     until = xp.concatenate([xp.zeros(1), xp.cumsum(costs)])
     at = np.arange(nodes) * (until[-1] / count)
     edge = xp.sum(at[:, None] >= until[None, 1:-1], axis=-1)
-    part = xp.clip((at - until[edge]) / xp.maximum(costs[edge], _TINY), 0, 1)
+    part = xp.clip((at - until[edge]) / xp.maximum(costs[edge], _MIN_EDGE_COST), 0, 1)
     found = between(states[edge], states[edge + 1], part)
     return xp.where(np.arange(nodes)[:, None] >= count, states[-1], found)
 
@@ -213,20 +213,22 @@ def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]
     """
     calls = []
     for path, clearance in zip(paths, clearances, strict=True):
-        tried, passed = _corners(path)
-        nearer = np.minimum(passed[_FIRST], passed[-1] - passed[_LAST])
-        calls.append(Call(_costs, (path.attitudes[tried], path.joints[tried], tapered(clearance, nearer))))
-    return [_cheapest(*one) for one in zip(paths, scenes.answers(calls), strict=True)]
+        tried, passed = _pick_corners(path)
+        nearer = np.minimum(passed[_PAIR_STARTS], passed[-1] - passed[_PAIR_ENDS])
+        calls.append(
+            Call(_shortcut_costs, (path.attitudes[tried], path.joints[tried], tapered(clearance, nearer)))
+        )
+    return [_cheapest_chain(*one) for one in zip(paths, scenes.answers(calls), strict=True)]
 
 
-def _corners(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _pick_corners(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return indices (CORNERS,) of nodes between which to try shortcuts, and the steps to each node."""
     tried = np.rint(np.linspace(0, path.edges, CORNERS)).astype(int)
     return tried, np.concatenate([[0.0], np.cumsum(path.edge_costs)])[tried]
 
 
 @Kernel
-def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
+def _shortcut_costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
     """Return the steps (pairs,) of straight motions between all pairs of nodes, +inf where one is not clear.
 
     Args:
@@ -236,23 +238,23 @@ def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> A
         clearance: (pairs,) rad wanted.
     """
     states = path_states(scene, attitudes, joints)
-    first, second = states[_FIRST], states[_LAST]
+    first, second = states[_PAIR_STARTS], states[_PAIR_ENDS]
     turn, change = quaternion.distance(first[:, :4], second[:, :4]), second[:, 4:] - first[:, 4:]
     costs = step_cost(turn, change, scene.attitude_step, scene.joint_steps)
     _, slack = motion_margins(scene, straight_lines(scene, first, second, _CORNER_INTERVALS), clearance)
     return jnp.where(slack >= 0, costs, jnp.inf)
 
 
-def _cheapest(path: Path, costs: np.ndarray) -> np.ndarray:
+def _cheapest_chain(path: Path, costs: np.ndarray) -> np.ndarray:
     """Return the indices of the nodes on the cheapest chain of clear shortcuts and pieces of the path.
 
     Args:
         path: the path to be shortened.
-        costs: (pairs,) steps between its corners, from `_costs`.
+        costs: (pairs,) steps between its corners, from `_shortcut_costs`.
     """
-    tried, passed = _corners(path)
+    tried, passed = _pick_corners(path)
     table = np.full((CORNERS, CORNERS), np.inf)
-    table[_FIRST, _LAST] = costs
+    table[_PAIR_STARTS, _PAIR_ENDS] = costs
     steps = np.arange(CORNERS - 1)
     along = np.diff(passed)
     on_path = along <= table[steps, steps + 1]

@@ -36,8 +36,8 @@ def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[T
         settings: settings of the search.
         many: whether several scenes are searched together, by kernels that answer several calls.
     """
-    scenes = _several(scene, many)
-    tasks: list[Task] = [partial(_answer, scenes, straight_call(scene, np.zeros(STRAIGHT_INTERVALS)))]
+    scenes = _repeat_scene(scene, many)
+    tasks: list[Task] = [partial(_run_call, scenes, straight_call(scene, np.zeros(STRAIGHT_INTERVALS)))]
     if any(np.any(rows.bound) for rows in scene.tables):  # else the straight motion is clear
         tasks.append(partial(straight_bands, scenes, [settings] * len(scenes.scenes)))
     return tasks
@@ -61,12 +61,12 @@ def smoothing_tasks(scene: Scene, *, many: bool) -> list[Task]:
         scene: a scene like those to be searched.
         many: as for `usual_tasks`.
     """
-    scenes = _several(scene, many)
+    scenes = _repeat_scene(scene, many)
     ends = np.stack([scene.start_attitude] * 2), np.stack([scene.start_joints] * 2)
     cut_short: Task = partial(
         shortcuts, scenes, [make_path(scene, *ends)] * len(scenes.scenes), [0.0] * len(scenes.scenes)
     )
-    return [partial(_answer, scenes, Call(edge_table, (*padded(*ends, EDGES), 0.0))), cut_short]
+    return [partial(_run_call, scenes, Call(edge_table, (*padded(*ends, EDGES), 0.0))), cut_short]
 
 
 def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
@@ -77,7 +77,7 @@ def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list
         settings: settings of the search; they give the number of moves.
         many: as for `usual_tasks`.
     """
-    scenes, root = _several(scene, many), make_root(scene)
+    scenes, root = _repeat_scene(scene, many), make_root(scene)
     calls: list[Call] = []
     for count in (1, MANY):
         states, steps = np.repeat(scene.ends[:1], count, axis=0), np.zeros((2, count))
@@ -87,14 +87,14 @@ def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list
     for count in (1, len(moves.turns)):  # without and with joints that follow a zone
         own = Moves(moves.turns, np.repeat(moves.options[:1], count, axis=0), moves.choice)
         calls.append(expansion_call(root.packed, own, clearance, fields, edges=True))
-    return [*smoothing_tasks(scene, many=many), *(partial(_answer, scenes, call) for call in calls)]
+    return [*smoothing_tasks(scene, many=many), *(partial(_run_call, scenes, call) for call in calls)]
 
 
-def _several(scene: Scene, many: bool) -> Scenes:
+def _repeat_scene(scene: Scene, many: bool) -> Scenes:
     """Return the scene once, or twice for the kernels that answer several calls at once."""
     return Scenes([scene] * (2 if many else 1))
 
 
-def _answer(scenes: Scenes, call: Call) -> None:
+def _run_call(scenes: Scenes, call: Call) -> None:
     """Make the same call about each of the scenes, and discard the answers."""
     scenes.answers([call] * len(scenes.scenes))

@@ -61,7 +61,7 @@ class Connect:
         self.space = space
         self.trees = Tree(space.start), Tree(space.goal)
         self._side = 0  # number of the tree whose turn it is
-        self._new: np.ndarray | None = None  # its new nodes, which the other tree grows towards next
+        self._new_nodes: np.ndarray | None = None  # its new nodes, which the other tree grows towards next
         self._growth: _Growth | None = None  # the growth that the last call is about
         self._corners: np.ndarray | None = None  # corners of the path
         self._limit: Status | None = None
@@ -71,8 +71,8 @@ class Connect:
         space, side = self.space, self._side
         if self._corners is not None:
             return None
-        if self._new is not None:
-            targets = self.trees[side].states[self._new]
+        if self._new_nodes is not None:
+            targets = self.trees[side].states[self._new_nodes]
             self._growth = _Growth.towards(space, self.trees[1 - side], targets, np.inf, 1 - side)
         elif (limit := space.spent()) is not None:
             self._limit = limit
@@ -86,14 +86,14 @@ class Connect:
         """Add nodes along the clear parts of the motions asked about; keep the path if the trees have met."""
         assert self._growth is not None
         nodes, whole = self._growth.add(answer)
-        if self._new is None:
+        if self._new_nodes is None:
             new = nodes[nodes >= 0][: self.space.left]
             if len(new):
-                self._new = new
+                self._new_nodes = new
                 return
         elif np.any(whole):
-            self._corners = self._through(self._new, nodes, whole)
-        self._new, self._side = None, 1 - self._side
+            self._corners = self._join_branches(self._new_nodes, nodes, whole)
+        self._new_nodes, self._side = None, 1 - self._side
 
     def result(self) -> SearchResult:
         """Return OK with the path, not smoothed; or the limit that was reached, without a path."""
@@ -102,7 +102,7 @@ class Connect:
         assert self._limit is not None, "the trees are growing"
         return self.space.result(self._limit)
 
-    def _through(self, new: np.ndarray, met: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    def _join_branches(self, new: np.ndarray, met: np.ndarray, whole: np.ndarray) -> np.ndarray:
         """Return the corners (m, 4 + 2n), start to goal, of the cheapest path on which the trees have met.
 
         Args:

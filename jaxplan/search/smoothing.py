@@ -104,12 +104,12 @@ def descended_bands(
         states = path_states(scene, *start)
         costs, _ = edge_costs(scene, states)
         nodes = evenly(states, costs, elastic.PIECES, elastic.PIECES + 1)
-        calls.append(Call(_descended, (nodes, np.sum(costs), clearance, np.zeros(most))))
-    return [_band(*one) for one in zip(starts, scenes.answers(calls), strict=True)]
+        calls.append(Call(_descend_band, (nodes, np.sum(costs), clearance, np.zeros(most))))
+    return [_read_band(*one) for one in zip(starts, scenes.answers(calls), strict=True)]
 
 
-def _band(start: Nodes, answer: np.ndarray) -> Band | None:
-    """Read the band in an answer of `_descended`, with the exact ends of `start`.
+def _read_band(start: Nodes, answer: np.ndarray) -> Band | None:
+    """Read the band in an answer of `_descend_band`, with the exact ends of `start`.
 
     The result is None if an edge is too long.
     """
@@ -137,7 +137,7 @@ def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> Nodes:
 
 
 @Kernel
-def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edges: Array) -> Array:
+def _descend_band(scene: Scene, states: Array, length: Array, clearance: Array, edges: Array) -> Array:
     """Return the band after one descent, cut at equal costs, with margins, slacks and costs of its edges.
 
     Args:
@@ -233,7 +233,7 @@ def _smooth_detours(
         bands: the band of each from `straight_bands`.
     """
     best: list[Band | None] = [None] * len(paths)
-    _enter(scenes, clearances, paths, best, bands, range(len(paths)))
+    _keep_better_bands(scenes, clearances, paths, best, bands, range(len(paths)))
     far = [
         number
         for number, (scene, own) in enumerate(zip(scenes.scenes, best, strict=True))
@@ -247,7 +247,7 @@ def _smooth_detours(
     for _ in range(2):  # often a little more descent suffices
         lengths = [LENGTHENING * paths[number].length for number in far]
         descended = descended_bands(scenes.part(far), starts, picked(clearances, far), lengths)
-        _enter(scenes, clearances, paths, best, descended, far)
+        _keep_better_bands(scenes, clearances, paths, best, descended, far)
         further = [
             (number, band)
             for number, band in zip(far, descended, strict=True)
@@ -260,7 +260,7 @@ def _smooth_detours(
     ]
 
 
-def _enter(
+def _keep_better_bands(
     scenes: Scenes,
     clearances: Sequence[float],
     paths: Sequence[Path],
@@ -283,7 +283,7 @@ def _enter(
         path, own = paths[number], best[number]
         if found is None or found.length > LENGTHENING * path.length or not np.all(found.margins >= 0):
             continue
-        if found.score >= (_score(scenes.scenes[number], path) if own is None else own.score):
+        if found.score >= (_path_score(scenes.scenes[number], path) if own is None else own.score):
             continue
         if found.clear:
             best[number] = found
@@ -301,7 +301,7 @@ def _enter(
             best[number] = found
 
 
-def _score(scene: Scene, path: Path) -> float:
+def _path_score(scene: Scene, path: Path) -> float:
     """Return the score of a path as in `Band`, steps: its length plus a share of all motions added up."""
     joints = np.abs(np.diff(path.joints, axis=0)) / scene.joint_steps
     travel = np.sum(edge_rotations(path.attitudes)) / scene.attitude_step + np.sum(joints)

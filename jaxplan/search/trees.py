@@ -59,15 +59,15 @@ def draw(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
     Returns:
         (count, 4 + 2n).
     """
-    states = _uniform(scene, rng, count)
+    states = _draw_uniform(scene, rng, count)
     if scene.held_axes and count > 1:
-        candidates = _uniform(scene, rng, count // 2 * CANDIDATES)
+        candidates = _draw_uniform(scene, rng, count // 2 * CANDIDATES)
         excess = _turn_to_hold(scene, candidates).reshape(-1, CANDIDATES)
         states[1::2] = candidates.reshape(*excess.shape, -1)[np.arange(len(excess)), excess.argmin(axis=1)]
     return states
 
 
-def _uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
+def _draw_uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
     """Draw states (count, 4 + 2n), uniform on SO(3) times the box of the joints' ranges."""
     turns = rng.standard_normal((count, 4))
     turns /= np.sqrt(np.sum(turns * turns, axis=1, keepdims=True))
@@ -96,7 +96,7 @@ def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 
 @Kernel
-def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array) -> Array:
+def _count_clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array) -> Array:
     """Return the number (b,) of intervals before the first that is not clear, on b straight motions.
 
     The last interval of a motion within `HALF_TURN` of half a turn counts as not clear, as it may go either
@@ -248,11 +248,13 @@ class Space:
             raise ValueError(f"at most {MANY} motions are checked in a call, not {count}")
         missing = (FEW if count <= FEW else MANY) - count
         still = np.tile(self.start, (missing, 1))
-        clearance = self._clearance(self.distance(first, second), from_start, from_goal)
+        clearance = self._wanted_clearance(self.distance(first, second), from_start, from_goal)
         padded = [(first, still), (second, still), (clearance, np.zeros((missing, INTERVALS)))]
-        return Call(_clear_intervals, tuple(np.concatenate(part) for part in padded))
+        return Call(_count_clear_intervals, tuple(np.concatenate(part) for part in padded))
 
-    def _clearance(self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray) -> np.ndarray:
+    def _wanted_clearance(
+        self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
+    ) -> np.ndarray:
         """Return the clearance wanted on each interval of b motions, (b, INTERVALS) rad.
 
         Args:

@@ -66,14 +66,14 @@ def orbit_state(
     """
     if orbit.epoch is not None:
         times = elapsed(parse_epoch(orbit.epoch), epoch, times)
-    position, velocity, rate = _circle(orbit.altitude, orbit.inclination, orbit.node, orbit.latitude)
+    position, velocity, rate = _epoch_state(orbit.altitude, orbit.inclination, orbit.node, orbit.latitude)
     # numpy goes round the circle, since JAX would compile anew for every number of times
     cos, sin = np.cos(rate * times)[..., None], np.sin(rate * times)[..., None]
     return cos * position + sin / rate * velocity, cos * velocity - sin * rate * position
 
 
 @lru_cache(maxsize=4096)
-def _circle(*elements: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _epoch_state(*elements: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Return position (3,) km, velocity (3,) km/s and mean motion, rad/s, at the epoch of a circular orbit.
 
     The arguments are altitude, inclination, node and latitude, as in `CircularOrbit`.

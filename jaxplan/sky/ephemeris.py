@@ -37,12 +37,12 @@ FRAMES = ("GCRS", "GCRF", "ICRF", "EME2000", "J2000")
 """Names of the axes that samples may have."""
 _AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s, TDB to 0.002 s
 _TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
-_DEGREE = 7  # degree of the polynomial between samples
-_FARTHEST = np.deg2rad(45.0)  # rad, largest angle between neighbouring samples, seen from the centre
+_POLYNOMIAL_DEGREE = 7  # degree of the polynomial between samples
+_MAX_SAMPLE_ANGLE = np.deg2rad(45.0)  # rad, largest angle between neighbouring samples, seen from the centre
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing flies below
-_LARGEST_FILE = 64 * 2**20  # most bytes of a message, some 500,000 samples
+_MAX_FILE_BYTES = 64 * 2**20  # most bytes of a message, some 500,000 samples
 _SECOND = np.timedelta64(1, "s")
-_DATE = re.compile(
+_DATE_PATTERN = re.compile(
     r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))T(\d\d):(\d\d):(\d\d(?:\.\d*)?)Z?", re.ASCII
 )  # calendar date, or day of the year
 
@@ -76,7 +76,7 @@ class Samples:
         from scipy.interpolate import KroghInterpolator  # slow to import, so not at the top
 
         each = 1 if self.velocities is None else 2  # conditions for each sample
-        count = min((_DEGREE + 1) // each, len(self.times))
+        count = min((_POLYNOMIAL_DEGREE + 1) // each, len(self.times))
         after = np.searchsorted(self.times, times, side="right")
         begin = np.clip(after - count // 2, 0, len(self.times) - count)
         position, velocity = np.zeros((len(times), 3)), np.zeros((len(times), 3))
@@ -133,7 +133,7 @@ class Ephemeris:
             EphemerisError: if shapes or numbers are wrong, or neighbours more than 45 deg apart as seen from
                 the Earth's centre.
         """
-        piece = _samples(times, positions, velocities)
+        piece = _make_samples(times, positions, velocities)
         return cls(name=name, epoch=None if epoch is None else parse_epoch(epoch), pieces=(piece,))
 
 
@@ -187,22 +187,22 @@ def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
     target = file_path("path", path)
     reader = library("ccsds_ndm")
     with target.open("rb") as file:
-        content = file.read(_LARGEST_FILE + 1)
-    if len(content) > _LARGEST_FILE:
-        raise EphemerisError(f"{target}: too large, at most {_LARGEST_FILE} bytes are read")
+        content = file.read(_MAX_FILE_BYTES + 1)
+    if len(content) > _MAX_FILE_BYTES:
+        raise EphemerisError(f"{target}: too large, at most {_MAX_FILE_BYTES} bytes are read")
     try:
         message = reader.Oem.from_str(content.decode())
     except (ValueError, reader.NdmError) as error:
         reason = " ".join(str(error).split())
         raise EphemerisError(f"{target}: no Orbit Ephemeris Message ({reason})") from error
     try:
-        epoch, pieces = _pieces(message.segments)
+        epoch, pieces = _read_segments(message.segments)
     except ValueError as error:
         raise EphemerisError(f"{target}: {error}") from error
     return Ephemeris(name=message.segments[0].metadata.object_name, epoch=epoch, pieces=pieces)
 
 
-def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]]:
+def _read_segments(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]]:
     """Check the segments of a message, and return their samples with the epoch from which their times count.
 
     The epoch is a midnight of UTC.
@@ -231,7 +231,7 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
             epoch = days[0].astype("datetime64[ns]")
         times = (days - epoch) / _SECOND + seconds - leaps(epoch)
         table = np.asarray(segment.data.state_vector_numpy, float)
-        pieces.append(_samples(times[:-2], table[:, :3], table[:, 3:6], *times[-2:]))
+        pieces.append(_make_samples(times[:-2], table[:, :3], table[:, 3:6], *times[-2:]))
     assert epoch is not None
     return epoch, tuple(sorted(pieces, key=lambda piece: piece.first))
 
@@ -248,7 +248,7 @@ def atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
     """
     midnights, seconds = [], []
     for date in dates:
-        found = _DATE.fullmatch(date.strip())
+        found = _DATE_PATTERN.fullmatch(date.strip())
         if found is None:
             raise EphemerisError(f"{date!r}: must be a time such as 2026-01-01T00:00:00.0")
         year, month, day, of_year, hour, minute, second = found.groups()
@@ -259,7 +259,7 @@ def atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array(midnights), np.array(seconds) - [ahead[day] for day in midnights]
 
 
-def _samples(
+def _make_samples(
     times: ArrayLike,
     positions: ArrayLike,
     velocities: ArrayLike | None,
@@ -300,11 +300,11 @@ def _samples(
         )
     unit = p / radius[:, None]
     apart = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(unit, axis=0), axis=1) / 2, 0, 1))
-    if not np.all(apart <= _FARTHEST):
-        i = int(np.argmax(apart > _FARTHEST))
+    if not np.all(apart <= _MAX_SAMPLE_ANGLE):
+        i = int(np.argmax(apart > _MAX_SAMPLE_ANGLE))
         raise EphemerisError(
             f"positions[{i + 1}]: is {np.rad2deg(apart[i]):.4g} deg from the one before, seen from the "
-            f"Earth's centre, at most {np.rad2deg(_FARTHEST):g}: give more samples"
+            f"Earth's centre, at most {np.rad2deg(_MAX_SAMPLE_ANGLE):g}: give more samples"
         )
     begin, end = t[0] if first is None else first, t[-1] if last is None else last
     if not t[0] <= begin < end <= t[-1]:

@@ -37,11 +37,11 @@ from jaxplan.sky.orbits import EARTH_RADIUS
 BODIES = ("sun", "moon", "earth")
 RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the module
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
-_DAY = 86400.0  # s in a day
-EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)
-_NODES = 12  # instants between which the Earth's axis is interpolated
-_INTERPOLATED = 1.1  # days for which that is done
-_MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
+_SECONDS_PER_DAY = 86400.0
+EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _SECONDS_PER_DAY  # rad/s, Earth's rotation (IERS 2010, 5.15)
+_POLE_NODES = 12  # instants between which the Earth's axis is interpolated
+_MAX_POLE_SPAN = 1.1  # days for which that is done
+_MAX_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
 
 
 def library(module: str) -> Any:
@@ -73,9 +73,9 @@ def seconds(times: ArrayLike) -> np.ndarray:
     array = floats("times", times, "a number of seconds, or (k,) of them")
     if array.ndim > 1:
         raise ValueError(f"times: must be a number or (k,) numbers of seconds, not of shape {array.shape}")
-    wrong = array[~(np.abs(array) <= _MOST_SECONDS)]
+    wrong = array[~(np.abs(array) <= _MAX_SECONDS)]
     if wrong.size:
-        raise ValueError(f"times = {wrong.flat[0]}: must lie in [{-_MOST_SECONDS:g}, {_MOST_SECONDS:g}] s")
+        raise ValueError(f"times = {wrong.flat[0]}: must lie in [{-_MAX_SECONDS:g}, {_MAX_SECONDS:g}] s")
     return array
 
 
@@ -91,7 +91,7 @@ def universal(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarra
     """
     midnight = epoch.astype("datetime64[D]")
     since = float((epoch - midnight) / np.timedelta64(1, "ns")) * 1e-9
-    return _UNIX_DAY_ZERO + float(midnight.astype(int)), (since + times) / _DAY
+    return _UNIX_DAY_ZERO + float(midnight.astype(int)), (since + times) / _SECONDS_PER_DAY
 
 
 def terrestrial(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarray]:
@@ -100,7 +100,7 @@ def terrestrial(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndar
     It also stands for TDB, which is the same to 0.002 s.
     """
     day, since = universal(epoch, times)
-    return day, since + (_leaps(epoch) + TT_MINUS_TAI) / _DAY
+    return day, since + (_leap_seconds(epoch) + TT_MINUS_TAI) / _SECONDS_PER_DAY
 
 
 def elapsed(since: np.datetime64, epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
@@ -109,10 +109,10 @@ def elapsed(since: np.datetime64, epoch: np.datetime64, times: np.ndarray) -> np
     Both instants are UTC.
     """
     apart = float((epoch - since) / np.timedelta64(1, "ns")) * 1e-9
-    return apart + (_leaps(epoch) - _leaps(since) if epoch != since else 0.0) + times
+    return apart + (_leap_seconds(epoch) - _leap_seconds(since) if epoch != since else 0.0) + times
 
 
-def _leaps(epoch: np.datetime64) -> float:
+def _leap_seconds(epoch: np.datetime64) -> float:
     """Return the seconds by which TAI is ahead of UTC at an epoch; raise an ImportError without pyerfa."""
     library("erfa")  # for the message where it is missing
     return leaps(epoch)
@@ -169,13 +169,13 @@ def gcrs_to_earth(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
     """
     erfa = library("erfa")
     instant = terrestrial(epoch, times)
-    celestial = erfa.c2ixys(*_pole(*instant))
+    celestial = erfa.c2ixys(*_celestial_pole(*instant))
     moved = erfa.pom00(0.0, 0.0, erfa.sp00(*instant))
     rotation: np.ndarray = erfa.c2tcio(celestial, erfa.era00(*universal(epoch, times)), moved)
     return rotation
 
 
-def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _celestial_pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the Celestial Intermediate Pole's X, Y and the locator s, each (...) rad, of IAU 2006/2000A.
 
     They have thousands of terms, and change by 5e-9 rad in an hour, so for many instants within a day they
@@ -187,12 +187,12 @@ def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     """
     erfa = library("erfa")
     low, high = float(np.min(since, initial=np.inf)), float(np.max(since, initial=-np.inf))
-    if np.size(since) <= 2 * _NODES or not 0 < high - low <= _INTERPOLATED:
+    if np.size(since) <= 2 * _POLE_NODES or not 0 < high - low <= _MAX_POLE_SPAN:
         found: tuple[np.ndarray, np.ndarray, np.ndarray] = erfa.xys06a(day, since)
         return found
-    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
+    nodes = np.polynomial.chebyshev.chebpts1(_POLE_NODES)
     at = erfa.xys06a(day, (low + high) / 2 + nodes * (high - low) / 2)
-    fits = np.polynomial.chebyshev.chebfit(nodes, np.stack(at, axis=1), _NODES - 1)
+    fits = np.polynomial.chebyshev.chebfit(nodes, np.stack(at, axis=1), _POLE_NODES - 1)
     x, y, s = np.polynomial.chebyshev.chebval((2 * since - low - high) / (high - low), fits)
     return x, y, s
 

@@ -15,7 +15,7 @@ from jaxplan.sky.frames import earth_fixed_state, library
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 _FLATTENING = 1 / 298.257223563  # of the ellipsoid of WGS 84
-_SQUARE = _FLATTENING * (2 - _FLATTENING)  # the square of its eccentricity
+_SQUARED_ECCENTRICITY = _FLATTENING * (2 - _FLATTENING)  # the square of its eccentricity
 
 
 @shown("latitude deg", "longitude deg", "altitude m", "minimum_elevation deg")
@@ -59,9 +59,9 @@ class GroundPoint:
     @property
     def place(self) -> np.ndarray:
         """Position (3,) km from the Earth's centre, along axes that are fixed to the Earth."""
-        normal = EARTH_RADIUS / np.sqrt(1 - _SQUARE * np.sin(self.latitude) ** 2)
+        normal = EARTH_RADIUS / np.sqrt(1 - _SQUARED_ECCENTRICITY * np.sin(self.latitude) ** 2)
         height = self.altitude * 1e-3
-        return self.up * np.array([normal + height] * 2 + [normal * (1 - _SQUARE) + height])
+        return self.up * np.array([normal + height] * 2 + [normal * (1 - _SQUARED_ECCENTRICITY) + height])
 
 
 def surface_point(place: np.ndarray, direction: np.ndarray) -> np.ndarray:

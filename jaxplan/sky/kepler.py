@@ -15,8 +15,8 @@ from jaxplan.runtime.display import shown
 from jaxplan.sky.frames import elapsed
 from jaxplan.sky.orbits import EARTH_MU, EARTH_RADIUS
 
-_ROUNDS = 60  # most iterations of Newton's method, more than any solution takes: 3 to 6, but for e near 1
-_ANGLES = ("node", "perigee", "anomaly")
+_MAX_ITERATIONS = 60  # of Newton's method, more than any solution takes: 3 to 6, but for e near 1
+_ANGLE_FIELDS = ("node", "perigee", "anomaly")
 
 
 @shown(
@@ -45,7 +45,7 @@ class KeplerOrbit:
     epoch: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("semi_major_axis", "eccentricity", "inclination", *_ANGLES):
+        for name in ("semi_major_axis", "eccentricity", "inclination", *_ANGLE_FIELDS):
             given: object = getattr(self, name)  # whatever its type says
             if isinstance(given, bool) or not isinstance(given, Real):
                 raise ValueError(f"{name} = {given!r}: must be a number")
@@ -61,7 +61,7 @@ class KeplerOrbit:
             )
         if not abs(self.inclination) <= np.pi:  # more is degrees
             raise ValueError(f"inclination = {self.inclination}: must lie in [-pi, pi] rad")
-        for name in _ANGLES:
+        for name in _ANGLE_FIELDS:
             if not abs(getattr(self, name)) <= 1e3:
                 raise ValueError(f"{name} = {getattr(self, name)}: must lie in [-1e3, 1e3] rad")
         if self.epoch is not None:
@@ -92,7 +92,7 @@ def kepler_state(
     eccentric = eccentric_anomaly(first - e * np.sin(first) + rate * times, e)
     cos, sin = np.cos(eccentric), np.sin(eccentric)
     speed = a * rate / (1 - e * cos)
-    plane = _plane(orbit)
+    plane = _perifocal_axes(orbit)
     position = np.stack([a * (cos - e), a * minor * sin], axis=-1) @ plane
     velocity = np.stack([-speed * sin, speed * minor * cos], axis=-1) @ plane
     return position, velocity
@@ -112,7 +112,7 @@ def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
     wanted = mean - turns  # in [-pi, pi]
     # Beyond the solution on the side where the function is convex, so that no step leads past it.
     found = np.where(wanted < 0, -np.pi, np.pi) * np.ones(np.shape(wanted))
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         step = (found - eccentricity * np.sin(found) - wanted) / (1 - eccentricity * np.cos(found))
         found = found - step
         if np.all(np.abs(step) <= 1e-14):
@@ -120,7 +120,7 @@ def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
     return np.asarray(found + turns)
 
 
-def _plane(orbit: KeplerOrbit) -> np.ndarray:
+def _perifocal_axes(orbit: KeplerOrbit) -> np.ndarray:
     """Return unit vectors (2, 3), GCRS, toward the perigee and toward a true anomaly of a quarter turn."""
     ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
     co, so = np.cos(orbit.node), np.sin(orbit.node)

@@ -27,8 +27,8 @@ from jaxplan.sky.sights import Epoch, Thing, drift_times, positions
 from jaxplan.sky.zone import path
 
 _GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
-_THIRDS = 40  # iterations of ternary search for an extremum, to 2e-6 s of the 20 s about it
-_HALVES = 34  # iterations of bisection for an end of a span, to 1e-9 s
+_TERNARY_ITERATIONS = 40  # iterations of ternary search for an extremum, to 2e-6 s of the 20 s about it
+_BISECTION_ITERATIONS = 34  # iterations of bisection for an end of a span, to 1e-9 s
 EARTH, HORIZON = "the Earth", "its horizon"  # what hides, in messages
 
 Height: TypeAlias = Callable[[np.ndarray], np.ndarray]
@@ -136,11 +136,11 @@ def hidden(
         where it is never hidden.
     """
     times = drift_times(observer, duration_s)
-    heights = _heights(thing, times, epoch, observer, atmosphere_km, occulters)
+    heights = _height_functions(thing, times, epoch, observer, atmosphere_km, occulters)
     found = [
         Hidden(target=name, by=by, start=start, end=end)
         for by, height in heights
-        for start, end in _spans_below(height, times)
+        for start, end in _find_negative_spans(height, times)
     ]
     return tuple(sorted(found, key=lambda span: span.start))
 
@@ -164,8 +164,8 @@ def seen_between(
         atmosphere_km: as for `hidden`.
         occulters: as for `hidden`.
     """
-    heights = _heights(thing, times, epoch, observer, atmosphere_km, occulters)
-    hiding = sorted(span for _, height in heights for span in _spans_below(height, times))
+    heights = _height_functions(thing, times, epoch, observer, atmosphere_km, occulters)
+    hiding = sorted(span for _, height in heights for span in _find_negative_spans(height, times))
     seen, begin = [], float(times[0])
     for start, end in [*hiding, (float(times[-1]), np.inf)]:
         if start > begin:
@@ -174,7 +174,7 @@ def seen_between(
     return seen
 
 
-def _heights(
+def _height_functions(
     thing: Thing,
     times: np.ndarray,
     epoch: Epoch,
@@ -192,21 +192,21 @@ def _heights(
     spheres = [one for one in occulters if one.thing is not thing]
     heights: list[tuple[str, Height]] = []
     if isinstance(thing, GroundPoint):
-        heights.append((HORIZON, partial(_above_horizon, thing, observer, parse_epoch(epoch))))
+        heights.append((HORIZON, partial(_elevation_margin, thing, observer, parse_epoch(epoch))))
     else:
         spheres.insert(0, Occulter(name=EARTH, thing="earth", radius=RADII["earth"] + atmosphere_km))
     for sphere in spheres:
-        nearest = float(np.min(_beside(sphere, observer, observer, epoch, times))) + sphere.radius
+        nearest = float(np.min(_sphere_distance(sphere, observer, observer, epoch, times))) + sphere.radius
         if not nearest > sphere.radius:
             raise ValueError(
                 f"observer: {nearest:.6g} km from the centre of {sphere.name}, "
                 f"must be beyond {sphere.radius:.6g}"
             )
-        heights.append((sphere.name, partial(_beside, sphere, thing, observer, epoch)))
+        heights.append((sphere.name, partial(_sphere_distance, sphere, thing, observer, epoch)))
     return heights
 
 
-def _above_horizon(
+def _elevation_margin(
     point: GroundPoint, observer: Thing, epoch: np.datetime64, times: np.ndarray
 ) -> np.ndarray:
     """Return the elevation of an observer above the least one of a point of the ground, (k,) rad.
@@ -217,7 +217,9 @@ def _above_horizon(
     return elevation(point, here, epoch, times) - point.minimum_elevation
 
 
-def _beside(sphere: Occulter, thing: Thing, observer: Thing, epoch: Epoch, times: np.ndarray) -> np.ndarray:
+def _sphere_distance(
+    sphere: Occulter, thing: Thing, observer: Thing, epoch: Epoch, times: np.ndarray
+) -> np.ndarray:
     """Return the distance (k,) km of the segment from observer to thing from a sphere; negative inside it.
 
     `times` (k,) are in s after the epoch.
@@ -247,14 +249,16 @@ def least_between(
         low: (k,) s, lower bounds.
         high: (k,) s, upper bounds.
     """
-    for _ in range(_THIRDS):
+    for _ in range(_TERNARY_ITERATIONS):
         first, second = low + (high - low) / 3, high - (high - low) / 3
         later = function(first) > function(second)
         low, high = np.where(later, first, low), np.where(later, high, second)
     return np.asarray((low + high) / 2)
 
 
-def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> list[tuple[float, float]]:
+def _find_negative_spans(
+    height: Callable[[np.ndarray], np.ndarray], times: np.ndarray
+) -> list[tuple[float, float]]:
     """Return the spans (start, end) s in which a smooth function of time is negative.
 
     They are longer than found by `_GUARD` at both ends.
@@ -274,7 +278,7 @@ def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) 
     negative = height(times) < 0
     changes = np.flatnonzero(negative[1:] != negative[:-1])
     low, high, below = times[changes], times[changes + 1], negative[changes]
-    for _ in range(_HALVES if len(changes) else 0):
+    for _ in range(_BISECTION_ITERATIONS if len(changes) else 0):
         middle = (low + high) / 2
         same = (height(middle) < 0) == below
         low, high = np.where(same, middle, low), np.where(same, high, middle)

@@ -18,8 +18,8 @@ from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
 
 LONGEST = 31 * 86400.0
 """s, the longest time over which passes are looked for."""
-_STEP = 10.0  # s, largest time between checks of whether something is seen
-_LOOKS = 64  # number of checks within a pass of how it is seen
+_CHECK_STEP = 10.0  # s, largest time between checks of whether something is seen
+_CHECKS_PER_PASS = 64  # number of checks within a pass of how it is seen
 
 
 @shown("target", "start s", "end s", "best s", "elevation deg", "distance km", "off_nadir deg")
@@ -99,14 +99,14 @@ def passes(
             )
     if not 0 < number("duration_s", duration_s, "a number of s") <= LONGEST:
         raise ValueError(f"duration_s = {duration_s}: must lie in (0, {LONGEST:.0f}]")
-    times = np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / _STEP)) + 1))
+    times = np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / _CHECK_STEP)) + 1))
     spans = seen_between(
         thing, times, epoch=epoch, observer=observer, atmosphere_km=atmosphere_km, occulters=occulters
     )
     if not spans:
         return ()
     starts, ends = np.array(spans).T
-    best = _best(thing, starts, ends, epoch, observer)
+    best = _best_times(thing, starts, ends, epoch, observer)
     here, there = (positions(one, epoch=epoch, times=best) for one in (observer, thing))
     toward = directions(thing, epoch=epoch, observer=observer, times=best)
     down = directions("nadir", epoch=epoch, observer=observer, times=best)
@@ -127,7 +127,9 @@ def passes(
     )
 
 
-def _best(thing: Thing, starts: np.ndarray, ends: np.ndarray, epoch: Epoch, observer: Thing) -> np.ndarray:
+def _best_times(
+    thing: Thing, starts: np.ndarray, ends: np.ndarray, epoch: Epoch, observer: Thing
+) -> np.ndarray:
     """Return the times (k,) s within k spans when a point is seen highest, or a satellite is nearest."""
 
     def cost(times: np.ndarray) -> np.ndarray:
@@ -138,9 +140,10 @@ def _best(thing: Thing, starts: np.ndarray, ends: np.ndarray, epoch: Epoch, obse
             found = np.linalg.norm(positions(thing, epoch=epoch, times=flat) - here, axis=-1)
         return found.reshape(times.shape)
 
-    looks = np.linspace(starts, ends, _LOOKS + 1, axis=-1)
+    looks = np.linspace(starts, ends, _CHECKS_PER_PASS + 1, axis=-1)
     place = np.argmin(cost(looks), axis=-1)[:, None]
     low, high = (
-        np.take_along_axis(looks, np.clip(place + side, 0, _LOOKS), axis=-1)[:, 0] for side in (-1, 1)
+        np.take_along_axis(looks, np.clip(place + side, 0, _CHECKS_PER_PASS), axis=-1)[:, 0]
+        for side in (-1, 1)
     )
     return least_between(cost, low, high)

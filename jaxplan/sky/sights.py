@@ -39,7 +39,7 @@ Epoch: TypeAlias = str | np.datetime64
 
 LOCAL = ("nadir", "zenith", "ram", "orbit_normal")
 """Names of the directions that go with the observer's own motion."""
-_STATES: dict[type, Callable[[Any, np.datetime64, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+_STATE_FUNCTIONS: dict[type, Callable[[Any, np.datetime64, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     CircularOrbit: orbit_state,
     KeplerOrbit: kepler_state,
     Tle: tle_state,
@@ -108,8 +108,8 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
         ValueError: as for `positions`, and if the two are in one place.
     """
     if isinstance(target, str) and target in LOCAL:
-        return _local(target, observer, epoch, times)
-    between, distance = _between(target, observer, epoch, times)
+        return _local_direction(target, observer, epoch, times)
+    between, distance = _vector_and_distance(target, observer, epoch, times)
     return between / distance[..., None]
 
 
@@ -127,8 +127,8 @@ def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.n
     Raises:
         ValueError: as for `directions`, and if the observer's motion is not known or straight up.
     """
-    down = _local("nadir", observer, epoch, times)
-    across = -_local("orbit_normal", observer, epoch, times)
+    down = _local_direction("nadir", observer, epoch, times)
+    across = -_local_direction("orbit_normal", observer, epoch, times)
     return np.stack([np.cross(across, down), across, down], axis=-2)
 
 
@@ -146,9 +146,11 @@ def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: Arra
     """
     if isinstance(target, str) and target in LOCAL:
         after = np.asarray(times, float)
-        ahead, behind = (_local(target, observer, epoch, after + step) for step in (_RATE_STEP, -_RATE_STEP))
+        ahead, behind = (
+            _local_direction(target, observer, epoch, after + step) for step in (_RATE_STEP, -_RATE_STEP)
+        )
         return (ahead - behind) / (2 * _RATE_STEP)
-    between, distance = _between(target, observer, epoch, times)
+    between, distance = _vector_and_distance(target, observer, epoch, times)
     unit = between / distance[..., None]
     moving = velocities(target, epoch=epoch, times=times) - velocities(observer, epoch=epoch, times=times)
     across = moving - np.sum(moving * unit, axis=-1, keepdims=True) * unit
@@ -178,7 +180,7 @@ def angular_radius(
     if not 0 <= number("atmosphere_km", atmosphere_km, "a number of km") <= 1000:
         raise ValueError(f"atmosphere_km = {atmosphere_km}: must lie in [0, 1000]")
     radius = RADII[body] + (atmosphere_km if body == "earth" else 0.0)
-    _, distance = _between(body, observer, epoch, times)
+    _, distance = _vector_and_distance(body, observer, epoch, times)
     if not np.all(distance > radius):
         raise ValueError(
             f"observer: {np.min(distance):.6g} km from the centre of the {body}, must be beyond {radius:.6g}"
@@ -216,7 +218,7 @@ def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
         raise ValueError(f"duration = {duration_s}: must lie in [0, {LONGEST_DRIFT:g}] s")
     if duration_s == 0:
         return np.zeros(1)
-    if not isinstance(observer, (*_STATES, str)):
+    if not isinstance(observer, (*_STATE_FUNCTIONS, str)):
         raise ValueError(
             f"observer: a given position says nothing of its motion over {duration_s:g} s; give a satellite"
         )
@@ -241,8 +243,8 @@ def _state(thing: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np
         ValueError: as for `positions`.
     """
     start, after = parse_epoch(epoch), seconds(times)
-    if type(thing) in _STATES:
-        return _STATES[type(thing)](thing, start, after)
+    if type(thing) in _STATE_FUNCTIONS:
+        return _STATE_FUNCTIONS[type(thing)](thing, start, after)
     if isinstance(thing, str):
         check_body(thing)
         return body_state(thing, start, after)
@@ -261,7 +263,9 @@ def check_body(body: object) -> None:
         raise ValueError(f"body = {body!r}: must be 'sun', 'moon' or 'earth'")
 
 
-def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def _vector_and_distance(
+    target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the vector (..., 3) km from observer to target, GCRS, and its length (...) km.
 
     Raises:
@@ -274,7 +278,7 @@ def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> 
     return between, distance
 
 
-def _local(name: str, observer: Thing, epoch: Epoch, times: ArrayLike) -> np.ndarray:
+def _local_direction(name: str, observer: Thing, epoch: Epoch, times: ArrayLike) -> np.ndarray:
     """Return unit vectors (..., 3), GCRS, of the direction of `LOCAL` that has a given name.
 
     Raises:

@@ -30,9 +30,9 @@ from jaxplan.sky.frames import library
 
 _EARTH = 399
 _J2000 = 1  # SPICE's number of the axes J2000
-_LAST_INERTIAL = 21  # the largest number of axes that SPICE knows to be inertial without a kernel
+_LAST_INERTIAL_FRAME = 21  # the largest number of axes that SPICE knows to be inertial without a kernel
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing is inside
-_ROUNDING = 5e-7  # s, by which an instant may be beyond an end: ephemeris times are rounded to 1e-7 s
+_TIME_TOLERANCE = 5e-7  # s, by which an instant may be beyond an end: ephemeris times are rounded to 1e-7 s
 _LONGEST_CHAIN = 10  # centres; a spacecraft about a moon of a planet needs four
 
 
@@ -112,21 +112,21 @@ def read_spk(paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], n
     for place, file in enumerate(files):
         with open(file, "rb"):  # SPICE's words for this are its own
             pass
-        segments += _segments(spice, file, place)
-    name, found = _name(spice, int(number)), tuple(segments[::-1])
+        segments += _read_segments(spice, file, place)
+    name, found = _body_name(spice, int(number)), tuple(segments[::-1])
     body = SpkBody(name=name, number=int(number), files=files, segments=found)
     _check_chain(body)
     return body
 
 
-def _name(spice: Any, number: int) -> str:
+def _body_name(spice: Any, number: int) -> str:
     """Return SPICE's name of a number, or "body" and the number."""
     with spice.no_found_check():
         name, found = spice.bodc2n(number)
     return str(name) if found else f"body {number}"
 
 
-def _segments(spice: Any, file: str, place: int) -> list[Segment]:
+def _read_segments(spice: Any, file: str, place: int) -> list[Segment]:
     """Return the segments of a kernel, in its order; raise an EphemerisError for a file that is no kernel.
 
     `place` is the index of the file.
@@ -134,11 +134,11 @@ def _segments(spice: Any, file: str, place: int) -> list[Segment]:
     try:
         kind = spice.getfat(file)
     except spice.exceptions.SpiceyError as error:
-        raise EphemerisError(f"{file}: no SPK kernel ({_words(error)})") from error
+        raise EphemerisError(f"{file}: no SPK kernel ({_error_words(error)})") from error
     if tuple(kind) != ("DAF", "SPK"):
         raise EphemerisError(f"{file}: no SPK kernel but {' '.join(kind)}")
     found = []
-    with _opened(spice, [file]) as (handle,):
+    with _open_kernels(spice, [file]) as (handle,):
         spice.dafbfs(handle)
         while spice.daffna():
             summary = spice.dafgs(5)
@@ -158,7 +158,7 @@ def _segments(spice: Any, file: str, place: int) -> list[Segment]:
 
 
 @contextmanager
-def _opened(spice: Any, files: Sequence[str]) -> Iterator[list[int]]:
+def _open_kernels(spice: Any, files: Sequence[str]) -> Iterator[list[int]]:
     """Open kernels for reading and yield their handles; raise an EphemerisError with SPICE's words."""
     handles: list[int] = []
     try:
@@ -166,13 +166,13 @@ def _opened(spice: Any, files: Sequence[str]) -> Iterator[list[int]]:
             handles.append(spice.dafopr(file))
         yield handles
     except spice.exceptions.SpiceyError as error:
-        raise EphemerisError(f"{', '.join(files)}: SPICE refuses: {_words(error)}") from error
+        raise EphemerisError(f"{', '.join(files)}: SPICE refuses: {_error_words(error)}") from error
     finally:
         for handle in handles:
             spice.dafcls(handle)
 
 
-def _words(error: Exception) -> str:
+def _error_words(error: Exception) -> str:
     """Return what SPICE says of an error, on one line."""
     return " ".join(str(getattr(error, "long", "") or getattr(error, "short", "") or error).split())
 
@@ -184,20 +184,20 @@ def _check_chain(body: SpkBody) -> None:
     if not own:
         known = ", ".join(str(number) for number in sorted({each.body for each in body.segments}))
         raise EphemerisError(f"{where}: have no {body.name} ({body.number}), but {known or 'nothing'}")
-    reached, reached_by_earth = _reached(body, body.number), _reached(body, _EARTH)
+    reached, reached_by_earth = _reachable_centers(body, body.number), _reachable_centers(body, _EARTH)
     if not reached & reached_by_earth:
         raise EphemerisError(
             f"{where}: know {body.name} from {sorted(reached - {body.number})} and not from the Earth "
             f"({_EARTH}): give a planetary kernel, such as de440s.bsp, too"
         )
     for each in body.segments:
-        if each.body in reached | reached_by_earth and not 1 <= each.frame <= _LAST_INERTIAL:
+        if each.body in reached | reached_by_earth and not 1 <= each.frame <= _LAST_INERTIAL_FRAME:
             raise EphemerisError(
                 f"{where}: axes number {each.frame} of {each.body} are not known to be inertial"
             )
 
 
-def _reached(body: SpkBody, start: int) -> set[int]:
+def _reachable_centers(body: SpkBody, start: int) -> set[int]:
     """Return the numbers of all centres to which a body's position may be chained, with its own."""
     found, fresh = {start}, {start}
     while fresh:
@@ -225,9 +225,9 @@ def spk_state(body: SpkBody, epoch: np.datetime64, times: np.ndarray) -> tuple[n
     spice = library("spiceypy")
     asked = np.ravel(ephemeris_time(epoch, times))
     states = np.zeros((len(asked), 6))
-    with _opened(spice, body.files) as handles:
+    with _open_kernels(spice, body.files) as handles:
         for row, moment in enumerate(asked):
-            states[row] = _from_earth(spice, body, handles, float(moment))
+            states[row] = _state_from_earth(spice, body, handles, float(moment))
     radius = np.linalg.norm(states[:, :3], axis=1)
     if not np.all(radius > _LEAST_RADIUS):
         row = int(np.argmin(radius > _LEAST_RADIUS))
@@ -239,25 +239,27 @@ def spk_state(body: SpkBody, epoch: np.datetime64, times: np.ndarray) -> tuple[n
     return states[:, :3].reshape(shape), states[:, 3:].reshape(shape)
 
 
-def _from_earth(spice: Any, body: SpkBody, handles: Sequence[int], moment: float) -> np.ndarray:
+def _state_from_earth(spice: Any, body: SpkBody, handles: Sequence[int], moment: float) -> np.ndarray:
     """Return the state (6,) of a body from the Earth's centre, km and km/s along J2000.
 
     `moment` is the ephemeris time, s.
     """
-    own, earth = (_chain(spice, body, handles, start, moment) for start in (body.number, _EARTH))
+    own, earth = (_chained_states(spice, body, handles, start, moment) for start in (body.number, _EARTH))
     for center, state in own.items():  # the first that both are known from
         if center in earth:
             return state - earth[center]
     ends = [next(reversed(chain)) for chain in (own, earth)]
     spans = [
-        f"[{_told(each.first)}, {_told(each.last)}]" for each in body.segments[::-1] if each.body in ends
+        f"[{_tdb_date(each.first)}, {_tdb_date(each.last)}]"
+        for each in body.segments[::-1]
+        if each.body in ends
     ]
     raise EphemerisError(
-        f"{body.name}: asked for {_told(moment)}, is known in {' and '.join(dict.fromkeys(spans))}, TDB"
+        f"{body.name}: asked for {_tdb_date(moment)}, is known in {' and '.join(dict.fromkeys(spans))}, TDB"
     )
 
 
-def _chain(
+def _chained_states(
     spice: Any, body: SpkBody, handles: Sequence[int], start: int, moment: float
 ) -> dict[int, np.ndarray]:
     """Return the states (6,) of a body from itself, from its centre, from the centre of that, and so on.
@@ -268,7 +270,7 @@ def _chain(
     here = start
     for _ in range(_LONGEST_CHAIN):
         for each in body.segments:
-            if each.body == here and each.first - _ROUNDING <= moment <= each.last + _ROUNDING:
+            if each.body == here and each.first - _TIME_TOLERANCE <= moment <= each.last + _TIME_TOLERANCE:
                 break
         else:
             return states
@@ -283,6 +285,6 @@ def _chain(
     return states
 
 
-def _told(moment: float) -> str:
+def _tdb_date(moment: float) -> str:
     """Return an ephemeris time as a date of TDB."""
     return str(np.datetime64("2000-01-01T12:00:00", "s") + np.timedelta64(round(moment), "s"))

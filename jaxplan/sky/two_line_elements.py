@@ -17,10 +17,10 @@ from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
 COLUMNS = 69  # characters of a line
 STALE_DAYS = 7.0  # days from the elements' epoch: from here on SGP4 is likely tens of km off in low orbit
 LAST_DAYS = 30.0  # days from the elements' epoch: beyond, it is hundreds of km off, and is not used
-_DAY = 86400.0  # s in a day
+_SECONDS_PER_DAY = 86400.0
 
 # What SGP4 answers instead of a position, by its codes.
-_ERRORS = {
+_SGP4_ERRORS = {
     1: "the mean eccentricity leaves [0, 1)",
     2: "the mean motion is not positive",
     3: "the perturbed eccentricity leaves [0, 1]",
@@ -28,8 +28,8 @@ _ERRORS = {
     6: "the satellite has decayed",
 }
 
-_NUMBER = r"[ 0-9A-HJ-NP-Z][ 0-9]{3}[0-9]"  # the letter stands for two digits: alpha-5
-_ANGLE = r"(?=.{8}) *\d{1,3}\.\d{4}"
+_NUMBER_PATTERN = r"[ 0-9A-HJ-NP-Z][ 0-9]{3}[0-9]"  # the letter stands for two digits: alpha-5
+_ANGLE_PATTERN = r"(?=.{8}) *\d{1,3}\.\d{4}"
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class _Column:
 
 _LAYOUT = {
     1: (
-        _Column(3, 7, "catalogue number", _NUMBER, "25544"),
+        _Column(3, 7, "catalogue number", _NUMBER_PATTERN, "25544"),
         _Column(8, 8, "classification", "[UCS ]", "U"),
         _Column(19, 20, "year of the epoch", r"\d\d", "26"),
         _Column(21, 32, "day of the epoch", r" *\d{1,3}\.\d{8}", "079.50000000", (1, 366.99999999)),
@@ -81,17 +81,17 @@ _LAYOUT = {
         _Column(65, 68, "number of the set", r"[ 0-9]{4}", " 999"),
     ),
     2: (
-        _Column(3, 7, "catalogue number", _NUMBER, "25544"),
-        _Column(9, 16, "inclination", _ANGLE, " 51.6400", (0, 180)),
-        _Column(18, 25, "right ascension of the ascending node", _ANGLE, "208.9163", (0, 360)),
+        _Column(3, 7, "catalogue number", _NUMBER_PATTERN, "25544"),
+        _Column(9, 16, "inclination", _ANGLE_PATTERN, " 51.6400", (0, 180)),
+        _Column(18, 25, "right ascension of the ascending node", _ANGLE_PATTERN, "208.9163", (0, 360)),
         _Column(27, 33, "eccentricity after the decimal point", r"\d{7}", "0006317"),
-        _Column(35, 42, "argument of perigee", _ANGLE, " 69.9862", (0, 360)),
-        _Column(44, 51, "mean anomaly", _ANGLE, "290.2224", (0, 360)),
+        _Column(35, 42, "argument of perigee", _ANGLE_PATTERN, " 69.9862", (0, 360)),
+        _Column(44, 51, "mean anomaly", _ANGLE_PATTERN, "290.2224", (0, 360)),
         _Column(53, 63, "mean motion", r" *\d{1,2}\.\d{8}", "15.49560532", (1e-3, 18)),
         _Column(64, 68, "number of the revolution", r"[ 0-9]{5}", "12345"),
     ),
 }
-_BLANK = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
+_BLANK_COLUMNS = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
 
 
 class TleError(ValueError):
@@ -151,10 +151,10 @@ def parse_tle(text: str) -> Tle:
     if len(lines) not in (2, 3):
         raise TleError(f"must be two lines, or three with a name first, not {len(lines)}")
     pair = {1: lines[-2], 2: lines[-1]}
-    faults = [fault for number, line in pair.items() for fault in _faults(number, line)]
+    faults = [fault for number, line in pair.items() for fault in _line_faults(number, line)]
     if not faults and pair[1][2:7] != pair[2][2:7]:
         faults.append(f"line 2 is of satellite {pair[2][2:7]!r}, line 1 of {pair[1][2:7]!r}")
-    epoch = None if faults else _epoch(pair[1])
+    epoch = None if faults else _read_epoch(pair[1])
     if epoch is not None and epoch < np.datetime64("1972-01-01"):
         faults.append(f"line 1, columns 19 to 20 (year of the epoch) = {pair[1][18:20]!r}: before 1972")
     if faults or epoch is None:
@@ -171,7 +171,7 @@ def check_sum(line: str) -> int:
     return sum(int(c) if c.isdigit() else c == "-" for c in line[: COLUMNS - 1]) % 10
 
 
-def _faults(number: int, line: str) -> list[str]:
+def _line_faults(number: int, line: str) -> list[str]:
     """Return messages on what is wrong with a line by itself, which should be line `number`, 1 or 2."""
     here = f"line {number}"
     if not line.isascii():
@@ -183,7 +183,7 @@ def _faults(number: int, line: str) -> list[str]:
         return [f"{here} has {len(line)} characters, must have {COLUMNS}"]
     faults = [
         f"{here}, column {place} = {line[place - 1]!r}: must be blank"
-        for place in _BLANK[number]
+        for place in _BLANK_COLUMNS[number]
         if line[place - 1] != " "
     ]
     faults += [fault for column in _LAYOUT[number] if (fault := column.fault(here, line))]
@@ -196,7 +196,7 @@ def _faults(number: int, line: str) -> list[str]:
     return faults
 
 
-def _epoch(line: str) -> np.datetime64:
+def _read_epoch(line: str) -> np.datetime64:
     """Return the epoch, UTC, of line 1, to its last digit of 1e-8 days."""
     year = int(line[18:20])
     year += 1900 if year >= 57 else 2000  # the first satellite flew in 1957
@@ -242,14 +242,14 @@ def tle_state_teme(tle: Tle, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """
     _check_age(tle, since)
     record = library("sgp4.api").Satrec.twoline2rv(tle.line1, tle.line2)
-    days = np.atleast_1d(since) / _DAY
+    days = np.atleast_1d(since) / _SECONDS_PER_DAY
     codes, position, velocity = record.sgp4_array(
         np.full(days.shape, record.jdsatepoch), record.jdsatepochF + days
     )
     bad = (codes != 0) | ~np.all(np.isfinite(position) & np.isfinite(velocity), axis=-1)
     if np.any(bad):
         first = int(np.argmax(bad))
-        reason = _ERRORS.get(int(codes[first]), f"SGP4 has no answer (code {codes[first]})")
+        reason = _SGP4_ERRORS.get(int(codes[first]), f"SGP4 has no answer (code {codes[first]})")
         raise TleError(f"{tle.name}: {reason}, {days[first]:.6g} days from the elements' epoch {tle.epoch}")
     return position.reshape(*since.shape, 3), velocity.reshape(*since.shape, 3)
 
@@ -261,8 +261,8 @@ def _check_age(tle: Tle, since: np.ndarray) -> None:
     """
     if not since.size:
         return
-    days = np.abs(since) / _DAY
-    oldest = float(since.flat[int(np.argmax(days))]) / _DAY
+    days = np.abs(since) / _SECONDS_PER_DAY
+    oldest = float(since.flat[int(np.argmax(days))]) / _SECONDS_PER_DAY
     far = f"{tle.name}: {oldest:.1f} days from the elements' epoch {str(tle.epoch)[:19]}"
     if not np.all(days <= LAST_DAYS):
         raise TleError(f"{far}, must lie in [{-LAST_DAYS:g}, {LAST_DAYS:g}]")

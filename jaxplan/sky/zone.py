@@ -25,9 +25,9 @@ from jaxplan.sky.sights import (
 )
 
 ACCURACY = 1e-9  # rad: how far a path may be from the direction in the middle between two samples
-_FEWEST = 8  # intervals of a path to begin with; they are halved until it is accurate
-_MOST = 4096  # samples of a path, or one a second of a longer one
-_DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
+_INITIAL_INTERVALS = 8  # intervals of a path to begin with; they are halved until it is accurate
+_MAX_SAMPLES = 4096  # samples of a path, or one a second of a longer one
+_ROUNDING_SCALE = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
 def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> DirectionPath:
@@ -56,9 +56,9 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
     if not number("duration_s", duration_s, "a number of s") > 0:
         raise ValueError(f"duration_s = {duration_s}: must lie in (0, 86400] s")
     drift_times(observer, duration_s)  # for its errors
-    times = np.linspace(0.0, duration_s, _FEWEST + 1)
+    times = np.linspace(0.0, duration_s, _INITIAL_INTERVALS + 1)
     seen = directions(target, epoch=epoch, observer=observer, times=times)
-    most = max(_MOST, int(duration_s))
+    most = max(_MAX_SAMPLES, int(duration_s))
     while len(times) <= most:
         middle = (times[1:] + times[:-1]) / 2
         between = directions(target, epoch=epoch, observer=observer, times=middle)
@@ -150,7 +150,8 @@ def keep_out(
         reach = reach + limb
         slack += float(np.max(np.abs(np.diff(limb)), initial=0.0)) / 2
     added = math.degrees(float(np.max(reach)) + slack)
-    half_angle = math.ceil((angle + added) * _DIGITS - 1e-3) / _DIGITS  # what was given stays as it is
+    # what was given stays as it is
+    half_angle = math.ceil((angle + added) * _ROUNDING_SCALE - 1e-3) / _ROUNDING_SCALE
     if not half_angle < 180:
         raise ValueError(
             f"{what} = {given}: with the {added:.4g} deg of the {body} itself and of its drift "

@@ -88,12 +88,13 @@ def test_a_spacecraft_stands_for_scenarios_with_a_tube_too():
         for one in make_scenario(1).spacecraft.terminals
     ]
     craft = replace(make_scenario(1).spacecraft, terminals=tuple(masked))
-    found = warming._quiet(craft)
+    found = warming._still_scenarios(craft)
     shapes = [one.constraints.bound.shape for one in found]
     for own in found[:2]:
         assert replace(own, robust=ROBUST).constraints.bound.shape in shapes
     assert len(set(shapes)) > 1
-    assert len(warming._quiet(make_scenario(1).spacecraft)) == 2  # without masks tables are the same
+    # without masks tables are the same
+    assert len(warming._still_scenarios(make_scenario(1).spacecraft)) == 2
 
 
 @pytest.mark.parametrize(
@@ -162,7 +163,7 @@ def test_tasks_of_a_gradient_compile_the_kernels_that_it_calls(compilations, met
     scenario = jp.paper_case(1)
     plan = jp.plan(replace(scenario, trajectory=replace(scenario.trajectory, method=method)), progress=False)
     trajectory = jp.differentiable(plan)
-    side_by_side(gradients._tasks(trajectory.held, plan.scenario), lambda: None)
+    side_by_side(gradients._compilation_tasks(trajectory.held, plan.scenario), lambda: None)
     with jax.enable_x64(True):
         before = kernel_count()
         found, back = jax.vjp(trajectory, plan.scenario)

@@ -13,7 +13,7 @@ from processes import fresh_python
 from jaxplan.goal.descent import descent_ends
 from jaxplan.runtime import executables
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.search.expansion import _EXPANSIONS, _expand
+from jaxplan.search.expansion import _EXPANSION_KERNELS, _expand
 from jaxplan.search.kernel_calls import Layout
 from jaxplan.search.paths import edge_table
 
@@ -61,7 +61,7 @@ def test_only_functions_that_follow_from_the_package_have_a_name():
     assert executables.name_of(descent_ends.__wrapped__) == "jaxplan.goal.descent.descent_ends"
     assert executables.name_of(_expand) == "jaxplan.search.expansion._expand"
     assert executables.name_of(edge_table.__wrapped__).endswith("edge_table")
-    both = {executables.name_of(kernel.__wrapped__) for kernel in _EXPANSIONS.values()}
+    both = {executables.name_of(kernel.__wrapped__) for kernel in _EXPANSION_KERNELS.values()}
     assert len(both) == 2
     assert None not in both
     mapped = jax.vmap(descent_ends.__wrapped__)  # has the name of another function

@@ -55,7 +55,7 @@ def test_the_push_of_zones_and_ranges_is_the_derivative_of_what_is_lacking(name)
     gimbals, step = scene.gimbals, 1e-6
     size = 3 + gimbals.joint_count
     changes = step * np.concatenate([np.eye(size), -np.eye(size)])  # of bands, a component each
-    terms = quick_jit(band._zone_terms)
+    terms = quick_jit(band._penalty_derivatives)
     pushed = np.zeros(2, bool)
     for seed in range(3):
         quaternions, joints = crooked(scene, seed)
