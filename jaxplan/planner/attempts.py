@@ -292,7 +292,7 @@ class Attempts:
 
     def _select_untried(self, goals: Sequence[Goal], share: float) -> list[tuple[Goal, float]]:
         """Return the goals that were not tried yet, each with `share` (see `swept`); mark them as tried."""
-        return [(goal, share) for goal in goals if self._is_new(goal)]
+        return [(goal, share) for goal in goals if self._mark_if_new(goal)]
 
     def _devices_fixed_by_goal(self) -> list[int]:
         """Indices of the gimbals whose joints the goal fixes, which alone may prove that there is no path."""
@@ -303,8 +303,8 @@ class Attempts:
         kept = (*asked.names(craft), *asked.hold)
         return [number for number in every if craft.device_names[number] in kept]
 
-    def _is_new(self, goal: Goal) -> bool:
-        """Whether a goal has not yet been tried in place of another one; marks it as tried."""
+    def _mark_if_new(self, goal: Goal) -> bool:
+        """Mark a goal as tried in place of another one; False if it was tried before."""
         own = np.round([*goal.attitude.ravel(), *goal.joints], 6).tobytes()
         new = own not in self._substitutes_tried
         self._substitutes_tried.add(own)
