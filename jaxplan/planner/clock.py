@@ -35,11 +35,11 @@ class Clock:
         self.seconds: dict[str, float] = {}
         self.compiling = 0.0
         self.shortest = math.inf
-        self._left, self._show, self.improve_for = time_limit, show, improve_for
+        self._seconds_left, self._show, self.improve_for = time_limit, show, improve_for
 
     def left(self) -> float:
         """Return the seconds that are left of the time limit, at least zero; compiling does not count."""
-        return max(self._left, 0.0)
+        return max(self._seconds_left, 0.0)
 
     def show(self, name: str) -> None:
         """Show on the progress bar that the step `name` begins."""
@@ -53,7 +53,7 @@ class Clock:
         worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
         self.seconds[name] = self.seconds.get(name, 0.0) + worked
         self.compiling += seconds - worked
-        self._left -= working
+        self._seconds_left -= working
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:

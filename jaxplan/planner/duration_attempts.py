@@ -34,7 +34,7 @@ _PERHAPS_TOO_SHORT = (
     Status.INFEASIBLE,
     Status.UNCERTIFIED,
 )
-_SLACKS = (0.0, 1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
+_DURATION_SLACKS = (0.0, 1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
 """Shares of the shortest time that are added to it in turn, where rates at the ends forbid to scale it."""
 
 
@@ -51,13 +51,13 @@ class InTime:
 
     def __init__(self, scenario: Scenario, clock: Clock) -> None:
         self.scenario, self._clock = scenario, clock
-        self.attempts = self._first = Attempts(scenario, clock)
+        self.attempts = self._first_attempts = Attempts(scenario, clock)
         self._asks_for_shortest = scenario.trajectory.timed and not moves(scenario)
-        self._shortest: Plan | None = None
-        self._durations: list[float] = []  # s, of fits along the shortest manoeuvre still to be tried
+        self._shortest_plan: Plan | None = None
+        self._durations_left: list[float] = []  # s, of fits along the shortest manoeuvre still to be tried
         self._answer: Plan | None = None
-        self._soonest: Attempts | None = None  # at goals of least time, while that of least rotation is tried
-        self._compared: list[Attempts] = []  # beside which that was tried, or was not to be
+        self._least_time_attempts: Attempts | None = None  # while one of least rotation is tried
+        self._compared_attempts: list[Attempts] = []  # beside which that was tried, or was not to be
         self._sooner: Sooner | None = None
 
     def advance(self) -> bool:
@@ -67,8 +67,8 @@ class InTime:
             True while `attempts.need` is to be answered; False once the plan is settled.
         """
         if self.attempts.need is None and self._sooner is None:
-            self._compare()
-        while self.attempts.need is None and self._go_on_sooner():
+            self._compare_with_nearest()
+        while self.attempts.need is None and self._try_shorter_duration():
             pass
         if self._sooner is not None:
             return self._answer is None
@@ -76,31 +76,31 @@ class InTime:
         if self._asks_for_shortest and self._may_be_too_short():
             self._asks_for_shortest, self._clock.improve_for = False, 0.0  # which is for "minimum"
             enough = float(self.scenario.trajectory.duration)
-            self.attempts = Attempts(self._lasting(MINIMUM), self._clock, enough=enough)
-        elif over and self._shortest is not None:
-            self._tried(self.attempts.result())
-        elif over and self.attempts is not self._first:
-            self._found_shortest(self.attempts.result())
+            self.attempts = Attempts(self._with_duration(MINIMUM), self._clock, enough=enough)
+        elif over and self._shortest_plan is not None:
+            self._accept_fit_along(self.attempts.result())
+        elif over and self.attempts is not self._first_attempts:
+            self._accept_shortest(self.attempts.result())
         return self._answer is None and self.attempts.need is not None
 
     def result(self) -> Plan:
         """Return the plan, once it is settled, with its computation times."""
-        answer = self._first.result() if self._answer is None else self._answer
+        answer = self._first_attempts.result() if self._answer is None else self._answer
         return replace(with_advice(answer), timings=self._clock.timings())
 
-    def _compare(self) -> None:
+    def _compare_with_nearest(self) -> None:
         """Try the goal of least rotation after the goals of least time, once, and keep the shorter plan."""
-        soonest = self._soonest
+        soonest = self._least_time_attempts
         if soonest is not None and soonest.plan is not None:
             soonest.plan = shorter_of(soonest.plan, self.attempts.plan)
-            self.attempts, self._soonest = soonest, None
-        elif self.attempts not in self._compared:
-            self._compared.append(self.attempts)
+            self.attempts, self._least_time_attempts = soonest, None
+        elif self.attempts not in self._compared_attempts:
+            self._compared_attempts.append(self.attempts)
             beside = to_the_nearest(self.attempts)
             if beside is not None:
-                self._soonest, self.attempts = self.attempts, beside
+                self._least_time_attempts, self.attempts = self.attempts, beside
 
-    def _go_on_sooner(self) -> bool:
+    def _try_shorter_duration(self) -> bool:
         """Begin with the next given duration in which a motion to moving targets may be shorter.
 
         Returns False at the end; the answer is then the shortest plan so far, if any duration was tried.
@@ -108,9 +108,11 @@ class InTime:
         if self._answer is not None:
             return False
         if self._sooner is None:
-            if self.attempts is not self._first or not may_be_sooner(self.scenario, self._first.plan):
+            if self.attempts is not self._first_attempts or not may_be_sooner(
+                self.scenario, self._first_attempts.plan
+            ):
                 return False
-            self._sooner = Sooner(self._first.result(), self._clock)
+            self._sooner = Sooner(self._first_attempts.result(), self._clock)
         else:
             self._sooner.advance(self.attempts.result())
         if self._sooner.attempts is None:
@@ -121,10 +123,10 @@ class InTime:
 
     def _may_be_too_short(self) -> bool:
         """Whether the first attempts failed in a way in which the shortest manoeuvre may help."""
-        plan = self._first.plan
+        plan = self._first_attempts.plan
         if plan is None or self.scenario.trajectory.method != "global":
             return False
-        if self._first.need is None:
+        if self._first_attempts.need is None:
             return plan.status in _PERHAPS_TOO_SHORT
         # A goal of least time tells more than other ones of least rotation, which are tried after it.
         return plan.status is Status.LIMITS_TOO_TIGHT and self._chooses_criterion
@@ -135,7 +137,7 @@ class InTime:
         goal = self.scenario.goal
         return not isinstance(goal, GivenState) and goal.criterion is None
 
-    def _lasting(self, duration: float | str) -> Scenario:
+    def _with_duration(self, duration: float | str) -> Scenario:
         """Return the scenario with another duration: seconds or a word.
 
         If its goal is targets that name no criterion, they get that of least time.
@@ -145,51 +147,51 @@ class InTime:
             scenario = replace(scenario, goal=replace(goal, criterion=LEAST_TIME))
         return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
 
-    def _found_shortest(self, plan: Plan) -> None:
+    def _accept_shortest(self, plan: Plan) -> None:
         """Begin fits along the shortest manoeuvre's path, or answer that the given duration is too short.
 
         If `plan`, that of the shortest manoeuvre, is not certified, the first attempts go on instead.
         """
         if not plan.ok or plan.trajectory is None or plan.goal is None:
-            self.attempts = self._first
+            self.attempts = self._first_attempts
             return
-        self._shortest = plan
+        self._shortest_plan = plan
         given, least = float(self.scenario.trajectory.duration), plan.trajectory.duration
         start, end = self.scenario.start, end_rates(plan.scenario, plan.goal)
         at_speed = any(np.any(rates) for rates in (start.angular_velocity, start.joint_rates, *end))
         if least > given and not at_speed:
-            self._refuse(float(rounded_up(least)))
+            self._refuse_duration(float(rounded_up(least)))
             return
-        longer = [float(rounded_up(least * (1 + slack))) for slack in _SLACKS]
-        self._durations = [given] if least <= given else []
-        self._durations += [one for one in longer if one > given]
-        self._go_along()
+        longer = [float(rounded_up(least * (1 + slack))) for slack in _DURATION_SLACKS]
+        self._durations_left = [given] if least <= given else []
+        self._durations_left += [one for one in longer if one > given]
+        self._fit_along_shortest()
 
-    def _go_along(self) -> None:
+    def _fit_along_shortest(self) -> None:
         """Begin a fit along the shortest manoeuvre's path in the next duration.
 
         If no duration is left, the answer is that of the first attempts.
         """
-        if self._shortest is None or not self._durations:
-            self._answer = self._first.result()
+        if self._shortest_plan is None or not self._durations_left:
+            self._answer = self._first_attempts.result()
         else:
-            self.attempts = Attempts(self._lasting(self._durations.pop(0)), self._clock)
-            self.attempts.go_along(self._shortest)
+            self.attempts = Attempts(self._with_duration(self._durations_left.pop(0)), self._clock)
+            self.attempts.go_along(self._shortest_plan)
 
-    def _tried(self, plan: Plan) -> None:
+    def _accept_fit_along(self, plan: Plan) -> None:
         """Settle the answer by a fit along the shortest manoeuvre's path, or begin the next one if it failed.
 
         A plan in the given duration is the answer; one in a longer duration shows which duration is enough.
         """
         given, tried = self.scenario.trajectory.duration, plan.scenario.trajectory.duration
         if not plan.ok:
-            self._go_along()
+            self._fit_along_shortest()
         elif tried == given:
-            self._answer = replace(plan, message=messages.sooner(self._first.result(), plan))
+            self._answer = replace(plan, message=messages.sooner(self._first_attempts.result(), plan))
         else:
-            self._refuse(float(tried))
+            self._refuse_duration(float(tried))
 
-    def _refuse(self, enough: float) -> None:
+    def _refuse_duration(self, enough: float) -> None:
         """Answer that the duration is too short, and that there is a certified plan in `enough` s."""
-        plan = self._first.result()
+        plan = self._first_attempts.result()
         self._answer = replace(plan, message=messages.too_short(plan, enough))

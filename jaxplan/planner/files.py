@@ -52,7 +52,7 @@ SCHEMA_VERSION = 1
 # The steps of a plan in the order in which they are made; a plan has the first few of them.
 STEPS = ("goal", "search", "path", "trajectory", "report")
 # How many of these steps a plan of each status has: (at least, at most).
-_STEPS_OF = {
+_STEP_COUNTS = {
     Status.OK: (5, 5),
     Status.INVALID_START: (0, 0),
     Status.INVALID_GOAL: (0, 1),
@@ -65,14 +65,14 @@ _STEPS_OF = {
     Status.INFEASIBLE: (3, 5),
     Status.UNCERTIFIED: (5, 5),
 }
-_SMALLEST_MARGIN = ("min_margin", "worst_time", "worst_device", "worst_zone")
-_ROUNDING = 1e-9  # share of the duration by which a time may lie beyond the end of the trajectory
-_SAME_NODE = 1e-6  # rad, or part of a matrix, by which a path may miss start and goal; above any rounding
+_MIN_MARGIN_KEYS = ("min_margin", "worst_time", "worst_device", "worst_zone")
+_TIME_TOLERANCE = 1e-9  # share of the duration by which a time may lie beyond the end of the trajectory
+_NODE_TOLERANCE = 1e-6  # rad, or part of a matrix, by which a path may miss start and goal; above rounding
 
 _COUNT = Integer(Interval("[0, inf)"))
-_POSITIVE = Number(Interval("[0, inf)"))
+_NON_NEGATIVE = Number(Interval("[0, inf)"))
 # Beyond any angle, rate or coefficient of a manoeuvre, and small enough for what is computed from them.
-_SANE = Number(Interval("[-1e6, 1e6]"))
+_BOUNDED_NUMBER = Number(Interval("[-1e6, 1e6]"))
 _SECONDS = Number(Interval("[0, 1e12]"))
 
 
@@ -87,28 +87,28 @@ def record_table(model: type, make: Any = None, **kinds: Kind) -> Table:
     return Table(model, [Field(key, kind, key, required=True) for key, kind in kinds.items()], make=make)
 
 
-def _array(*shape: int | str) -> Array:
+def _array_kind(*shape: int | str) -> Array:
     """Kind of an array of numbers; `shape` has the length of each axis as a number or a name."""
-    return Array(shape, _SANE)
+    return Array(shape, _BOUNDED_NUMBER)
 
 
-def _rotations(*shape: int | str) -> Array:
+def _rotations_kind(*shape: int | str) -> Array:
     """Kind of an array of rotation matrices, (*shape, 3, 3)."""
-    return Array((*shape, 3, 3), _SANE, rule=rotations)
+    return Array((*shape, 3, 3), _BOUNDED_NUMBER, rule=rotations)
 
 
-def _times(*shape: int | str) -> Array:
+def _times_kind(*shape: int | str) -> Array:
     """Kind of an array of times in seconds, none less than the one before."""
     return Array(shape, _SECONDS, rule=not_falling)
 
 
-def _path(edges: str) -> Table:
+def _path_table(edges: str) -> Table:
     """Table of a path; `edges` is the name by which its number of edges is known in the file."""
     return record_table(
         Path,
-        edge_costs=Array((edges,), _POSITIVE),
-        attitudes=_rotations(f"{edges} + 1"),
-        joints=_array(f"{edges} + 1", "joint"),
+        edge_costs=Array((edges,), _NON_NEGATIVE),
+        attitudes=_rotations_kind(f"{edges} + 1"),
+        joints=_array_kind(f"{edges} + 1", "joint"),
     )
 
 
@@ -116,14 +116,14 @@ def trajectory_table(*methods: str) -> Table:
     """Table of a trajectory made by one of `methods`; reading needs the length named "joint" beforehand."""
     return record_table(
         Trajectory,
-        breaks=_times("pieces + 1"),
-        chart_attitude=_rotations("pieces"),
-        chart_start=_times("pieces"),
-        chart_rate=_array("pieces", 3),
-        coefficients=_array("pieces", "terms", 3),
-        joint_breaks=_times("joint pieces + 1"),
-        joint_coefficients=_array("joint pieces", "joint terms", "joint"),
-        node_times=_times("edges + 1"),
+        breaks=_times_kind("pieces + 1"),
+        chart_attitude=_rotations_kind("pieces"),
+        chart_start=_times_kind("pieces"),
+        chart_rate=_array_kind("pieces", 3),
+        coefficients=_array_kind("pieces", "terms", 3),
+        joint_breaks=_times_kind("joint pieces + 1"),
+        joint_coefficients=_array_kind("joint pieces", "joint terms", "joint"),
+        node_times=_times_kind("edges + 1"),
         smoothness=Integer(Interval(f"[0, {SMOOTHNESS}]")),
         method=Choice(methods),
     )
@@ -133,37 +133,37 @@ CERTIFICATE = record_table(
     Certificate,
     certified=YesNo(),
     min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
-    worst_time=Nullable(_POSITIVE),
+    worst_time=Nullable(_NON_NEGATIVE),
     worst_device=Nullable(Name("device")),
     worst_zone=Nullable(Name("zone")),
-    peaks=ByName(_POSITIVE),
-    peak_times=ByName(_POSITIVE),
-    jumps=ByName(_POSITIVE),
+    peaks=ByName(_NON_NEGATIVE),
+    peak_times=ByName(_NON_NEGATIVE),
+    jumps=ByName(_NON_NEGATIVE),
     faults=Several(Text(empty=True)),
     evaluations=_COUNT,
 )
 """Table of a certificate; the reading must know the names of devices and zones."""
 # What is stored of a goal where nothing moves: time and rates are the scenario's.
 _STILL_GOAL = {
-    "attitude": _rotations(),
-    "joints": _array("joint"),
+    "attitude": _rotations_kind(),
+    "joints": _array_kind("joint"),
     "slew_angle": Number(Interval("[0, 3.1416]")),
 }
 _MOVING_GOAL = _STILL_GOAL | {
-    "time": _POSITIVE,
-    "angular_velocity": _array(3),
-    "joint_rates": _array("joint"),
+    "time": _NON_NEGATIVE,
+    "angular_velocity": _array_kind(3),
+    "joint_rates": _array_kind("joint"),
 }
 _SEARCH_STATUSES = ("OK", "NO_PATH", "NODE_LIMIT", "TIME_LIMIT")
 _STEP_KINDS = {
     "search": record_table(
         SearchResult,
         status=Choice(_SEARCH_STATUSES, Status.__members__),
-        path=Nullable(_path("found edges")),
+        path=Nullable(_path_table("found edges")),
         expansions=_COUNT,
         queue_expansions=Several(_COUNT),
     ),
-    "path": _path("edges"),
+    "path": _path_table("edges"),
     "trajectory": trajectory_table(*TRAJECTORY_METHODS),
     "report": CERTIFICATE,
 }
@@ -203,7 +203,7 @@ def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -
 
 def _check_steps(read: Mapping[str, Any], root: Place) -> None:
     """Note a fault for each step that is filled though the status rules it out, or missing though needed."""
-    least, most = _STEPS_OF[read["status"]]
+    least, most = _STEP_COUNTS[read["status"]]
     because = f'since status = "{read["status"].name}"'
     last = max((number for number, step in enumerate(STEPS) if read[step] is not None), default=-1)
     for number, step in enumerate(STEPS):
@@ -237,7 +237,7 @@ def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> Non
             ("attitudes", path.attitudes[number], end.attitude),
             ("joints", path.joints[number], end.joints),
         ):
-            if not np.allclose(node, wanted, rtol=0, atol=_SAME_NODE):
+            if not np.allclose(node, wanted, rtol=0, atol=_NODE_TOLERANCE):
                 place[key][number % len(path.joints)].fault(f"must be that of the {name}", node.tolist())
 
 
@@ -254,15 +254,15 @@ def _check_report(status: Status, report: Certificate, place: Place) -> None:
     if report.certified is not proved:
         complaint = f'must be {str(proved).lower()}, since status = "{status.name}"'
         place["certified"].fault(complaint, report.certified)
-    missing = [key for key in _SMALLEST_MARGIN if getattr(report, key) is None]
-    if 0 < len(missing) < len(_SMALLEST_MARGIN):
-        place[missing[0]].fault(f"must not be null, unless all of {', '.join(_SMALLEST_MARGIN)} are", None)
+    missing = [key for key in _MIN_MARGIN_KEYS if getattr(report, key) is None]
+    if 0 < len(missing) < len(_MIN_MARGIN_KEYS):
+        place[missing[0]].fault(f"must not be null, unless all of {', '.join(_MIN_MARGIN_KEYS)} are", None)
 
 
 def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
     """Note faults for times outside the trajectory, and for breaks or nodes that do not span it.
 
-    Times may exceed the end of the trajectory by the relative rounding `_ROUNDING`.
+    Times may exceed the end of the trajectory by the relative rounding `_TIME_TOLERANCE`.
     """
     first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
     nodes, last = trajectory.node_times, len(trajectory.node_times) - 1
@@ -270,15 +270,15 @@ def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place
         root["trajectory"]["breaks"][0].fault("must be 0", first)
     if nodes[0] != 0:
         root["trajectory"]["node_times"][0].fault("must be 0", float(nodes[0]))
-    if nodes[-1] < end * (1 - _ROUNDING) and last:
+    if nodes[-1] < end * (1 - _TIME_TOLERANCE) and last:
         complaint = f"must be the end of the trajectory, {end:g} s"
         root["trajectory"]["node_times"][last].fault(complaint, float(nodes[-1]))
-    for place, time in _instants(trajectory, report, root):
-        if not time <= end * (1 + _ROUNDING):
+    for place, time in _iterate_times(trajectory, report, root):
+        if not time <= end * (1 + _TIME_TOLERANCE):
             place.fault(f"must lie within the trajectory, which ends at {end:g} s", time)
 
 
-def _instants(
+def _iterate_times(
     trajectory: Trajectory, report: Certificate | None, root: Place
 ) -> Iterator[tuple[Place, float]]:
     """Yield the place in the file and the value, s, of each time of a trajectory and its certificate."""
@@ -294,7 +294,7 @@ def _instants(
 
 # A plan of 200 nodes with 12 terminals takes about 1 MB.
 LARGEST_FILE = 64 * 2**20
-_TIMINGS = ".timings.json"
+_TIMINGS_SUFFIX = ".timings.json"
 
 
 class PlanFileError(ValueError):
@@ -313,9 +313,9 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
         ValueError: if the path has the name of a file of timings.
     """
     target = file_path("path", path)
-    if target.name.endswith(_TIMINGS):
+    if target.name.endswith(_TIMINGS_SUFFIX):
         raise ValueError(
-            f"{target}: files that end in {_TIMINGS} hold the timings of plans: take another name"
+            f"{target}: files that end in {_TIMINGS_SUFFIX} hold the timings of plans: take another name"
         )
     content = {
         "schema_version": SCHEMA_VERSION,
@@ -327,9 +327,9 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     if plan.goal is not None and not moves(plan.scenario):
         content["goal"] = {key: content["goal"][key] for key in _STILL_GOAL}
     timings = _timings_file(target)
-    with _replacing(target, content):
+    with _replacing_json_file(target, content):
         timings.unlink(missing_ok=True)
-    with _replacing(timings, dict(plan.timings)):
+    with _replacing_json_file(timings, dict(plan.timings)):
         pass
 
 
@@ -343,14 +343,14 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
         PlanFileError: if the file is missing, too large, not JSON, or not a plan.
     """
     source = file_path("path", path)
-    content = _read(source, "plan")
+    content = _read_json_table(source, "plan")
     try:
-        return _parts(content) | {"timings": _timings(_timings_file(source))}
+        return _parse_plan(content) | {"timings": _read_timings(_timings_file(source))}
     except ScenarioError as error:
         raise PlanFileError(str(ScenarioError(error.faults, os.fspath(path)))) from error
 
 
-def _parts(content: dict[str, Any]) -> dict[str, Any]:
+def _parse_plan(content: dict[str, Any]) -> dict[str, Any]:
     """Return a plan's attributes, by name, from a file's content; raises ScenarioError with all faults."""
     root = Place(Reading())
     if "schema_version" in content:
@@ -380,7 +380,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
     return {"scenario": scenario, "certificate": read.pop("report"), **read}
 
 
-def _timings(path: FilePath) -> dict[str, float]:
+def _read_timings(path: FilePath) -> dict[str, float]:
     """Read the computation times by step, s; an empty dict if there is no such file.
 
     Raises:
@@ -389,7 +389,7 @@ def _timings(path: FilePath) -> dict[str, float]:
     if not path.exists():
         return {}
     root = Place(Reading())
-    read: dict[str, float] = ByName(_POSITIVE).read(_read(path, "timings"), root)
+    read: dict[str, float] = ByName(_NON_NEGATIVE).read(_read_json_table(path, "timings"), root)
     if root.reading.faults:
         raise PlanFileError(str(ScenarioError(root.reading.faults, os.fspath(path))))
     return read
@@ -397,7 +397,7 @@ def _timings(path: FilePath) -> dict[str, float]:
 
 def _timings_file(path: FilePath) -> FilePath:
     """Return the path of the file of computation times that belongs to a plan file."""
-    return path.with_name(path.name.removesuffix(".json") + _TIMINGS)
+    return path.with_name(path.name.removesuffix(".json") + _TIMINGS_SUFFIX)
 
 
 def plain(record: Any) -> Any:
@@ -416,7 +416,7 @@ def plain(record: Any) -> Any:
 
 
 @contextmanager
-def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
+def _replacing_json_file(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
     """Write `content` as JSON to a temporary file, run the block, then move the file to `path`."""
     text = json.dumps(content, indent=1, allow_nan=False)
     with replacing_file(path) as file:
@@ -424,7 +424,7 @@ def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
         yield
 
 
-def _read(path: FilePath, kind: str) -> dict[str, Any]:
+def _read_json_table(path: FilePath, kind: str) -> dict[str, Any]:
     """Read the table at the top of a JSON file; `kind` names such files in the message of PlanFileError."""
 
     def refuse(word: str) -> float:

@@ -49,7 +49,7 @@ def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
     return f"{'; '.join(unseen)}: {advice}"
 
 
-def _or_errors(scenario: Scenario) -> str:
+def _tube_advice(scenario: Scenario) -> str:
     """Return text that lowering the errors of [robust] may help as well; empty if the scenario has none."""
     return "" if scenario.robust is None else ", or lower the errors of [robust], which count"
 
@@ -87,13 +87,13 @@ def unreachable(
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone{lower}"
-            f"{_or_errors(scenario)}"
+            f"{_tube_advice(scenario)}"
         )
     if not found.slew_angle > most and isinstance(asked, Targets):  # what is broken is lost in rounding
         named = " and ".join(asked.names(craft))
         return (
             f"no attitude was found at which {named} reach their targets and every zone is kept: "
-            f"change goal.targets or the zones, or try another search.seed{_or_errors(scenario)}"
+            f"change goal.targets or the zones, or try another search.seed{_tube_advice(scenario)}"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
     least = found.slew_angle / longest(craft, 1)
@@ -127,7 +127,7 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
     return (
         f"{sight} cannot get from its start direction to its goal "
         f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
-        f"make {change}, or do not bind the device to it{_or_errors(scenario)}"
+        f"make {change}, or do not bind the device to it{_tube_advice(scenario)}"
     )
 
 
@@ -136,17 +136,17 @@ def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
 
     `time` is that of the goal, s.
     """
-    device, names = _closing(scenario, barrier)
+    device, names = _barrier_names(scenario, barrier)
     what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
     lies = "lies" if len(barrier.zones) == 1 else "lie"
     return (
         f"{device} cannot get from its {what} at the start to what is wanted at the goal, since "
         f"{names} {lies} between the two{when(scenario, time)}: make it smaller, widen the range, or "
-        f"change the goal{_or_errors(scenario)}"
+        f"change the goal{_tube_advice(scenario)}"
     )
 
 
-def _closing(scenario: Scenario, barrier: JointBarrier) -> tuple[str, str]:
+def _barrier_names(scenario: Scenario, barrier: JointBarrier) -> tuple[str, str]:
     """Return the name of a joint barrier's device, and text with the names of its zones."""
     zones = [scenario.zones[zone] for zone in barrier.zones]
     names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
@@ -156,7 +156,7 @@ def _closing(scenario: Scenario, barrier: JointBarrier) -> tuple[str, str]:
 def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
     """Return text why a search found no path, with the zone that is most in the way."""
     settings = scenario.search
-    blocked = _in_the_way(scenario, scene)
+    blocked = _describe_obstacle(scenario, scene)
     if result.status is Status.TIME_LIMIT:
         return (
             f"no path within search.time_limit_s = {settings.time_limit:g} "
@@ -168,14 +168,14 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
     )
 
 
-def _in_the_way(scenario: Scenario, scene: Scene) -> str:
+def _describe_obstacle(scenario: Scenario, scene: Scene) -> str:
     """Return text on what is most in the way: a narrow gap for joints, or what the straight motion breaks.
 
     The text ends a sentence, and is empty where the straight motion breaks nothing.
     """
     narrow = narrowest(scene)
     if narrow is not None:
-        device, names = _closing(scenario, narrow[0])
+        device, names = _barrier_names(scenario, narrow[0])
         return (
             f"; the joints of {device} get past {names} by a gap of {2 * np.rad2deg(narrow[1]):.2g} deg "
             "or less: make that wider, or smaller search steps"

@@ -18,7 +18,7 @@ from jaxplan.planner.record import Plan
 from jaxplan.planner.shorter import SHORTER, is_bent, is_far, may_be_sooner
 from jaxplan.planner.steps import find_goals
 
-_SAME = 1e-6  # rad; goals whose attitudes are closer than this are the same
+_SAME_GOAL_ANGLE = 1e-6  # rad; goals whose attitudes are closer than this are the same
 
 
 def to_the_nearest(attempts: Attempts) -> Attempts | None:
@@ -29,7 +29,7 @@ def to_the_nearest(attempts: Attempts) -> Attempts | None:
             is set to 0.
     """
     plan, clock, enough = attempts.plan, attempts.clock, attempts.enough
-    if plan is None or not _may_help(plan, enough) or not clock.left():
+    if plan is None or not _nearest_may_help(plan, enough) or not clock.left():
         return None
     goal, own = plan.scenario.goal, plan.goal
     if isinstance(goal, GivenState) or own is None:
@@ -39,7 +39,7 @@ def to_the_nearest(attempts: Attempts) -> Attempts | None:
         found = find_goals(asked)
     if isinstance(found, Plan) or not may_be_sooner(plan, found[0]):
         return None
-    if not is_far(plan, enough) and float(so3.distance(own.attitude, found[0].attitude)) < _SAME:
+    if not is_far(plan, enough) and float(so3.distance(own.attitude, found[0].attitude)) < _SAME_GOAL_ANGLE:
         return None  # near the bound the same goal is reached as soon
     clock.improve_for = 0.0  # the first plan was improved for as long
     beside = Attempts(asked, clock, enough=enough)
@@ -60,7 +60,7 @@ def shorter_of(plan: Plan, other: Plan | None) -> Plan:
     return replace(other, scenario=plan.scenario)
 
 
-def _may_help(plan: Plan, enough: float) -> bool:
+def _nearest_may_help(plan: Plan, enough: float) -> bool:
     """Whether a plan is certified, of least time, longer than `enough` s, and leads round zones."""
     scenario, settings = plan.scenario, plan.scenario.trajectory
     asked = scenario.asked

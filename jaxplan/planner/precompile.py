@@ -23,8 +23,8 @@ from jaxplan.search.precompile import further_tasks as further_search
 from jaxplan.search.precompile import usual_tasks as usual_search
 from jaxplan.trajectory import kernel_tasks
 
-_SOME_ARE_HARD = 16  # scenarios of a kind, among which the search of some will not end with the elastic band
-_begun: set[Hashable] = set()  # kinds of scenarios whose tasks have been handed out in this process
+_MIN_COUNT_FOR_SMOOTHING = 16  # scenarios of a kind, some of which need more than the elastic band
+_begun_kinds: set[Hashable] = set()  # kinds of scenarios whose tasks have been handed out in this process
 
 
 def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
@@ -39,26 +39,26 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
     """
     kinds: dict[Hashable, list[Scenario]] = {}
     for scenario in scenarios:
-        kinds.setdefault(_kind(scenario), []).append(scenario)
+        kinds.setdefault(_kernel_key(scenario), []).append(scenario)
     tasks: list[Task] = []
     for kind, alike in kinds.items():
         many = len(alike) > 1
-        if (kind, many) not in _begun:
-            _begun.add((kind, many))
-            tasks += _usual(alike[0], many)
-            if len(alike) >= _SOME_ARE_HARD and alike[0].search.method == "mha":
-                tasks += smoothing_tasks(_scene(alike[0]), many=many)
+        if (kind, many) not in _begun_kinds:
+            _begun_kinds.add((kind, many))
+            tasks += _tasks_for_one(alike[0], many)
+            if len(alike) >= _MIN_COUNT_FOR_SMOOTHING and alike[0].search.method == "mha":
+                tasks += smoothing_tasks(_scene_to_start(alike[0]), many=many)
     return tasks
 
 
-def _usual(scenario: Scenario, many: bool) -> list[Task]:
+def _tasks_for_one(scenario: Scenario, many: bool) -> list[Task]:
     """Return tasks for one scenario; `many` says whether plans are made many together, as of `every_task`.
 
     The kernel that finds goals of least time takes the longest to compile, so it comes first. The search
     needs the straight motion first; its other kernels take long, too, and are not needed where that motion
     is clear. With a single scenario they wait for the goal of least rotation, see `further_tasks`.
     """
-    soonest = soonest_task(scenario, _end(scenario))
+    soonest = soonest_task(scenario, _typical_end(scenario))
     fits = kernel_tasks(scenario.usable, scenario.trajectory)
     search = usual_search_of(scenario, many)
     later = [] if soonest and not many and not moves(scenario) else search[1:]
@@ -82,15 +82,15 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
         scenario: any scenario of the kind.
         many: whether plans are made many together; else one scenario at a time.
     """
-    _begun.add((_kind(scenario), many))
+    _begun_kinds.add((_kernel_key(scenario), many))
     tasks: list[Task] = []
     for duration in ("minimum", scenario.trajectory.duration):
         timed = replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
-        tasks.append(partial(find_goals, timed, _end(timed)))  # of least time, or of the least turn
+        tasks.append(partial(find_goals, timed, _typical_end(timed)))  # of least time, or of the least turn
         tasks += kernel_tasks(timed.usable, timed.trajectory)
     tasks += usual_search_of(scenario, many)
     if scenario.search.method in ("mha", "rrt_connect"):
-        tasks += further_search(_scene(scenario), scenario.search, many=many)
+        tasks += further_search(_scene_to_start(scenario), scenario.search, many=many)
     return tasks
 
 
@@ -98,10 +98,10 @@ def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
     """Return the usual compile tasks of a scenario's search; none for methods other than "mha"."""
     if scenario.search.method != "mha":
         return []
-    return usual_search(_scene(scenario), scenario.search, many=many)
+    return usual_search(_scene_to_start(scenario), scenario.search, many=many)
 
 
-def _kind(scenario: Scenario) -> Hashable:
+def _kernel_key(scenario: Scenario) -> Hashable:
     """Return a key that is equal for scenarios that need the same kernels, except where sizes are unusual."""
     craft, rows, fit = scenario.usable, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
@@ -115,19 +115,19 @@ def _kind(scenario: Scenario) -> Hashable:
     )  # fmt: skip
 
 
-def _scene(scenario: Scenario) -> Scene:
+def _scene_to_start(scenario: Scenario) -> Scene:
     """Return a search problem from a scenario's start to its start, with its own searches' array shapes."""
     start = scenario.start
     goal = Goal(
         attitude=np.asarray(start.attitude, float),
         joints=np.asarray(start.joints, float),
         slew_angle=0.0,
-        time=_end(scenario) or 0.0,
+        time=_typical_end(scenario) or 0.0,
     )
     return make_scene(scenario, goal, swept(scenario, goal))
 
 
-def _end(scenario: Scenario) -> float | None:
+def _typical_end(scenario: Scenario) -> float | None:
     """Return an end time that a manoeuvre might have, s; None where nothing moves."""
     if not moves(scenario):
         return None

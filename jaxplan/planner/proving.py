@@ -28,7 +28,7 @@ from jaxplan.trajectory import Trajectory
 TOLERANCE = 1e-8
 """rad and rad/s: how far a goal may be from what the scenario asks for, a beam from its target; the
 certificate allows as much of the ends."""
-_SAME_TIME = 1e-12  # share of the duration by which the goal's time may differ from the trajectory's end
+_TIME_TOLERANCE = 1e-12  # share of the duration by which the goal's time may differ from the trajectory's end
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -54,7 +54,9 @@ def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Certificate
 def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     """Certify many trajectories, those of equal array shapes together; certificates in the same order."""
     certificates = []
-    for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
+    for query, certificate in zip(
+        queries, certify_batch([_make_claim(query) for query in queries]), strict=True
+    ):
         off = (
             *_goal_faults(query.scenario, query.goal),
             *lasting_faults(query.scenario, query.trajectory.duration),
@@ -65,7 +67,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     return certificates
 
 
-def _claim(query: ProofQuery) -> Claim:
+def _make_claim(query: ProofQuery) -> Claim:
     """Return the claim that a trajectory keeps its scenario's limits and zones from start to goal."""
     scenario, goal, start = query.scenario, query.goal, query.scenario.start
     end, craft = end_rates(scenario, goal), scenario.spacecraft
@@ -115,10 +117,10 @@ def certify(plan: Plan) -> Certificate:
         raise ValueError(f"the plan of {plan.scenario.name} has no {missing}: it ended as {plan.status.name}")
     refuse_types(plan.scenario)
     certificate = prove(plan.scenario, plan.goal, plan.trajectory)
-    return replace(certificate, faults=_of_zones(plan.scenario, certificate.faults))
+    return replace(certificate, faults=_restate_cone_faults(plan.scenario, certificate.faults))
 
 
-def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
+def _restate_cone_faults(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
     """Replace a certificate's faults in rows of constraints ("cones....") by those of the scenario's zones.
 
     They are returned as they are if the scenario's zones show no faults when they are checked.
@@ -192,11 +194,11 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
     beams, _ = _beam_motion(scenario, goal, spin, rates)
     for name, beam, direction in zip(asked.names(scenario.spacecraft), beams, asked.directions, strict=True):
         off = np.linalg.norm(beam - direction)
-        if not off <= _allowed(scenario, name):
+        if not off <= _target_tolerance(scenario, name):
             yield f"at the goal {name} points {off:.3g} rad off its target"
 
 
-def _allowed(scenario: Scenario, name: str) -> float:
+def _target_tolerance(scenario: Scenario, name: str) -> float:
     """Return by how many rad or rad/s a device may miss its target: a terminal only by `TOLERANCE`.
 
     Drives and instruments are allowed the goal's tolerance as well.
@@ -226,7 +228,7 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     """
     if not moves(scenario):
         return
-    if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):
+    if not abs(goal.time - duration) <= _TIME_TOLERANCE * max(duration, 1.0):
         yield f"the goal is one at {goal.time:.6g} s, the trajectory ends at {duration:.6g} s"
     asked = scenario.goal
     if isinstance(asked, GivenState) or not asked.moves:
@@ -242,9 +244,9 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     apart = np.linalg.norm(beams - asked.at(goal.time).directions, axis=-1)
     slip = np.linalg.norm(rates - asked.rates(goal.time), axis=-1)
     for name, off, too_fast in zip(asked.names(scenario.spacecraft), apart, slip, strict=True):
-        if not off <= _allowed(scenario, name):
+        if not off <= _target_tolerance(scenario, name):
             yield f"at the goal {name} points {off:.3g} rad off its moving target"
-        if not too_fast <= _allowed(scenario, name):
+        if not too_fast <= _target_tolerance(scenario, name):
             yield f"at the goal {name} turns {too_fast:.3g} rad/s otherwise than its moving target"
 
 

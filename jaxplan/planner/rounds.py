@@ -72,7 +72,7 @@ def _find_goals(open_: Sequence[Attempts], work: Ahead | None) -> None:
         open_: attempts of plans that are not settled.
         work: takes tasks that compile kernels ahead, as the first goals call for; None for no such tasks.
     """
-    for attempts, query in _in_need(open_, GoalQuery):
+    for attempts, query in _select_waiting(open_, GoalQuery):
 
         def told(nearest: Goal, scenario: Scenario = query.scenario) -> None:
             if work is not None:
@@ -85,7 +85,7 @@ def _find_goals(open_: Sequence[Attempts], work: Ahead | None) -> None:
 
 def _search_paths(open_: Sequence[Attempts]) -> None:
     """Run step 2, the path search, for all attempts that need it, together."""
-    waiting = _in_need(open_, SearchQuery)
+    waiting = _select_waiting(open_, SearchQuery)
     with _shared_step("search", [attempts.clock for attempts, _ in waiting]) as seconds:
         scenes, settings = [query.scene for _, query in waiting], [query.settings for _, query in waiting]
         found = search_batch(scenes, settings, seconds)
@@ -98,7 +98,7 @@ def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]
 
     Each fit is appended to `made` as (query, fit), unless `made` is None.
     """
-    waiting = _in_need(open_, FitQuery)
+    waiting = _select_waiting(open_, FitQuery)
     with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
         found = fit_batch([query for _, query in waiting], seconds)
     for (attempts, query), fitted in zip(waiting, found, strict=True):
@@ -109,14 +109,14 @@ def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]
 
 def _prove_certificates(open_: Sequence[Attempts]) -> None:
     """Certify the trajectories of all attempts that need it, together."""
-    waiting = _in_need(open_, ProofQuery)
+    waiting = _select_waiting(open_, ProofQuery)
     with _shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
         found = prove_batch([query for _, query in waiting])
     for (attempts, _), certificate in zip(waiting, found, strict=True):
         attempts.accept_certificate(certificate)
 
 
-def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempts, Query]]:
+def _select_waiting(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempts, Query]]:
     """Return the attempts whose next need is a query of the given kind, each with that query."""
     needs: list[tuple[Attempts, Any]] = [(attempts, attempts.need) for attempts in open_]
     return [(attempts, need) for attempts, need in needs if isinstance(need, kind)]

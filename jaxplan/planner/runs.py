@@ -21,8 +21,8 @@ from jaxplan.trajectory import Fit, FitQuery
 
 TOGETHER = 256
 """Scenarios that are planned at once, so that progress is seen and memory stays small."""
-_LEAST_HANDED_OUT = 32  # least scenarios in a part for a worker, so that it, too, plans many together
-_PARTS = 3  # parts for each worker, so that all of them end at about the same time
+_MIN_PART_SIZE = 32  # least scenarios in a part for a worker, so that it, too, plans many together
+_PARTS_PER_WORKER = 3  # parts for each worker, so that all of them end at about the same time
 
 
 def plan(
@@ -103,10 +103,10 @@ def plan_batch(
     chosen = who_works(workers, executor)
     if chosen is not None and scenarios:
         try:
-            return _by_workers(scenarios, chosen, progress)
+            return _plan_by_workers(scenarios, chosen, progress)
         except WorkersDiedError as error:
             raise RuntimeError(str(error)) from None
-    return _here(scenarios, progress)
+    return _plan_in_process(scenarios, progress)
 
 
 def plan_with_fits(
@@ -120,7 +120,7 @@ def plan_with_fits(
     """
     filed = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(scenarios)]
     made: list[tuple[FitQuery, Fit]] = []
-    plans = _here(filed, progress, made)
+    plans = _plan_in_process(filed, progress, made)
     by_motion = {id(fit.trajectory): (query, fit) for query, fit in made}
     fits: list[Fit | None] = []
     for plan in plans:
@@ -151,7 +151,7 @@ def as_filed(name: str, given: object) -> Scenario:
         raise ScenarioError(error.faults, name) from error
 
 
-def _here(
+def _plan_in_process(
     scenarios: Sequence[Scenario], progress: bool, made: list[tuple[FitQuery, Fit]] | None = None
 ) -> list[Plan]:
     """Plan checked scenarios in this process, `TOGETHER` at a time; `made` is as of `plan_in_rounds`."""
@@ -163,14 +163,14 @@ def _here(
     return plans
 
 
-def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool) -> list[Plan]:
+def _plan_by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool) -> list[Plan]:
     """Plan checked scenarios in worker processes, part by part.
 
     Raises:
         RuntimeError: if a worker process dies.
     """
     pool = WorkerPool(workers)
-    size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * pool.workers))))
+    size = min(TOGETHER, max(_MIN_PART_SIZE, -(-len(scenarios) // (_PARTS_PER_WORKER * pool.workers))))
     parts = [scenarios[first : first + size] for first in range(0, len(scenarios), size)]
     plans: list[Plan] = []
     futures: list[Future[list[Plan]]] = []
@@ -197,4 +197,4 @@ def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool)
 
 def _plan_part(scenarios: Sequence[Scenario]) -> list[Plan]:
     """Plan a part of the scenarios, as a task of a worker process."""
-    return _here(scenarios, progress=False)
+    return _plan_in_process(scenarios, progress=False)

@@ -43,12 +43,12 @@ from jaxplan.trajectory import NEAR_THE_BOUND, Fit, FitQuery
 METHODS = ("rrt_connect", "mha")  # of other searches, in turn: the first varies most with its seed
 _FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
 SHORTER = 1 - 1e-4  # times the plan's duration: a motion must take less for its plan to be taken
-_MOST_BENT = 1000  # curves; with more nothing is found that fewer would not find
-_FITS, _SEARCHES = 0.5, 3  # fits and searches to the plan's goal in a round, for each first guess asked for
-_OTHERS = 1.5  # the same, of searches to each other goal
-_NEAR = 0.25  # rad, of attitude and joints; a path that stays so near to one that was fitted is the same way
-_BENT = 1.001  # times the estimated time along the straight path; a path that takes no more is straight
-_SLOWER = 1.25  # times the estimated time along the plan's own path; slower paths are not fitted
+_MAX_BENT_CURVES = 1000  # curves; with more nothing is found that fewer would not find
+_FITS_PER_GUESS, _SEARCHES_PER_GUESS = 0.5, 3  # in a round, to the plan's goal
+_OTHER_SEARCHES_PER_GUESS = 1.5  # the same, of searches to each other goal
+_SAME_WAY_ANGLE = 0.25  # rad, of attitude and joints; a path so near to one that was fitted is the same way
+_STRAIGHT_TIME_RATIO = 1.001  # times the estimated time along the straight path; up to it a path is straight
+_MAX_TIME_RATIO = 1.25  # times the estimated time along the plan's own path; slower paths are not fitted
 
 
 def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), enough: float = 0.0) -> bool:
@@ -96,24 +96,24 @@ def may_be_sooner(plan: Plan, goal: Goal) -> bool:
 
 
 def _is_near(path: Path, other: Path) -> bool:
-    """Whether every node of a path is within `_NEAR` of some node of the other one."""
+    """Whether every node of a path is within `_SAME_WAY_ANGLE` of some node of the other one."""
     cosine = (np.einsum("aij,bij->ab", path.attitudes, other.attitudes) - 1) / 2
     joints = np.abs(path.joints[:, None] - other.joints)
     apart = np.maximum(np.arccos(np.clip(cosine, -1, 1)), np.max(joints, axis=-1, initial=0))
-    return bool(np.max(np.min(apart, axis=1)) <= _NEAR)
+    return bool(np.max(np.min(apart, axis=1)) <= _SAME_WAY_ANGLE)
 
 
 def is_bent(plan: Plan) -> bool:
     """Whether a motion along a plan's path is estimated to take longer than one along the straight path."""
-    return plan.path is not None and _leads_round(plan, plan.path)
+    return plan.path is not None and _is_detour(plan, plan.path)
 
 
-def _leads_round(plan: Plan, path: Path) -> bool:
+def _is_detour(plan: Plan, path: Path) -> bool:
     """Whether a motion along `path` is estimated to take longer than one straight to the path's end."""
     nodes = path.attitudes, path.joints
     ends = path.attitudes[[0, -1]], path.joints[[0, -1]]
     along, straight = times_along(plan.scenario.usable, [nodes, ends]).tolist()
-    return bool(along > _BENT * straight)
+    return bool(along > _STRAIGHT_TIME_RATIO * straight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,22 +154,22 @@ class Shorter:
     ) -> None:
         if plan.goal is None or plan.path is None:
             raise RuntimeError("a certified plan has a goal and a path")
-        self.plan, self._goals = plan, list(goals)
-        self._own = _Way(plan.goal, scene, [plan.path])  # to the goal of the plan
-        self._ways = [self._own]  # to all goals that were tried
-        self._tries = True  # whether other goals are being tried, each along its first path
+        self.plan, self._goals_left = plan, list(goals)
+        self._own_way = _Way(plan.goal, scene, [plan.path])  # to the goal of the plan
+        self._ways = [self._own_way]  # to all goals that were tried
+        self._is_trying_goals = True  # whether other goals are being tried, each along its first path
         now = time.monotonic()
-        self._limit, self._until = now + max(left, improve_for), now + improve_for
-        self._bent = plan.scenario.trajectory.first_guesses
-        self._so_far, self._looked = plan, self._own  # the plan, and the way, of what is needed
-        self._found: list[tuple[_Way, SearchResult, Path]] = []  # by other searches of the round
+        self._deadline, self._improve_until = now + max(left, improve_for), now + improve_for
+        self._bent_curves = plan.scenario.trajectory.first_guesses
+        self._candidate, self._candidate_way = plan, self._own_way  # the plan, and the way, of what is needed
+        self._found_paths: list[tuple[_Way, SearchResult, Path]] = []  # by other searches of the round
         # The same by the time, s, that a motion along the path looks to take.
-        self._ranked: list[tuple[float, _Way, SearchResult, Path]] = []
-        self._searches: list[_Way] = []  # to which the round still searches
+        self._ranked_paths: list[tuple[float, _Way, SearchResult, Path]] = []
+        self._searches_left: list[_Way] = []  # to which the round still searches
         self._fits_left = self._bends_left = 0
-        self._rough = False  # whether the fit under way only tells whether a better one is worth it
+        self._is_rough_fit = False  # whether the fit under way only tells whether a better one is worth it
         self.need: SearchQuery | FitQuery | ProofQuery | None = None
-        self._next()
+        self._set_next_need()
 
     @property
     def _scenario(self) -> Scenario:
@@ -179,13 +179,13 @@ class Shorter:
     def accept_path(self, result: SearchResult) -> None:
         """Take the result of the search that `need` asked for, and set the next `need`."""
         if result.path is None:
-            self._next()
-        elif self._tries:
-            self._ways.append(self._looked)
-            self._fit_along(self._looked, result)
+            self._set_next_need()
+        elif self._is_trying_goals:
+            self._ways.append(self._candidate_way)
+            self._fit_along(self._candidate_way, result)
         else:
-            self._found.append((self._looked, result, result.path))
-            self._next()
+            self._found_paths.append((self._candidate_way, result, result.path))
+            self._set_next_need()
 
     def accept_fit(self, fitted: Fit) -> None:
         """Take the fit that `need` asked for, and set the next `need`: after a rough fit a better one.
@@ -193,21 +193,21 @@ class Shorter:
         A fit is dropped if it is not shorter than the plan.
         """
         if not self._is_shorter(fitted):
-            self._next()
-        elif self._rough and self._bent and self._so_far.path is not None:
-            self._fit(self._so_far.path, first_guesses=self._bent)
+            self._set_next_need()
+        elif self._is_rough_fit and self._bent_curves and self._candidate.path is not None:
+            self._request_fit(self._candidate.path, first_guesses=self._bent_curves)
         else:
-            self._so_far = fitted_plan(self._so_far, fitted)
-            goal, trajectory = self._so_far.goal, self._so_far.trajectory
+            self._candidate = fitted_plan(self._candidate, fitted)
+            goal, trajectory = self._candidate.goal, self._candidate.trajectory
             if goal is not None and trajectory is not None:
                 self.need = ProofQuery(scenario=self._scenario, goal=goal, trajectory=trajectory)
 
     def accept_certificate(self, certificate: Certificate) -> None:
         """Take the certificate that `need` asked for, keep its plan if it is OK, and set the next `need`."""
-        found = judged(self._so_far, certificate)
+        found = judged(self._candidate, certificate)
         if found.status is Status.OK:
-            self.plan, self._own = found, self._looked
-        self._next()
+            self.plan, self._own_way = found, self._candidate_way
+        self._set_next_need()
 
     def _begin_round(self, bends: int) -> None:
         """Begin a round of searches and fits, with `bends` fits from more bent curves at its end.
@@ -215,55 +215,57 @@ class Shorter:
         Most searches are for the plan's own goal, some for each other goal that was tried, if zones are in
         the way to it and its lower bound leaves room.
         """
-        self._found, self._ranked, self._searches = [], [], []
+        self._found_paths, self._ranked_paths, self._searches_left = [], [], []
         self._fits_left, self._bends_left = 0, bends
         asked = max(self._scenario.trajectory.first_guesses, 1)
         for way in self._ways if self._scenario.zones else ():
-            own = way is self._own
-            worthwhile = (own and bends > 0) or _leads_round(self.plan, way.paths[0])
+            own = way is self._own_way
+            worthwhile = (own and bends > 0) or _is_detour(self.plan, way.paths[0])
             if worthwhile and (own or may_be_sooner(self.plan, way.goal)):
-                self._searches += [way] * math.ceil((_SEARCHES if own else _OTHERS) * asked)
-                self._fits_left += math.ceil(_FITS * asked) if own else 1
+                self._searches_left += [way] * math.ceil(
+                    (_SEARCHES_PER_GUESS if own else _OTHER_SEARCHES_PER_GUESS) * asked
+                )
+                self._fits_left += math.ceil(_FITS_PER_GUESS * asked) if own else 1
 
-    def _next(self) -> None:
+    def _set_next_need(self) -> None:
         """Set `need` to what the round needs next, or to None at the end of the last round."""
         self.need, now = None, time.monotonic()
-        if now >= self._limit or self._try_goal(self._limit - now):
+        if now >= self._deadline or self._try_next_goal(self._deadline - now):
             return
-        if self._searches:
-            self._search(self._searches.pop(0), self._limit - now)
-        elif self._fits_left and self._take_quickest():
+        if self._searches_left:
+            self._request_search(self._searches_left.pop(0), self._deadline - now)
+        elif self._fits_left and self._fit_quickest():
             self._fits_left -= 1
-        elif self._bends_left and self._bent < _MOST_BENT and self.plan.path is not None:
+        elif self._bends_left and self._bent_curves < _MAX_BENT_CURVES and self.plan.path is not None:
             self._bends_left -= 1
-            self._bent = min(2 * max(self._bent, 1), _MOST_BENT)
-            self._so_far, self._looked = self.plan, self._own
-            self._fit(self.plan.path, first_guesses=self._bent)
-        elif now < self._until and (self._scenario.zones or self._bent < _MOST_BENT):
+            self._bent_curves = min(2 * max(self._bent_curves, 1), _MAX_BENT_CURVES)
+            self._candidate, self._candidate_way = self.plan, self._own_way
+            self._request_fit(self.plan.path, first_guesses=self._bent_curves)
+        elif now < self._improve_until and (self._scenario.zones or self._bent_curves < _MAX_BENT_CURVES):
             self._begin_round(bends=1)
-            self._next()
+            self._set_next_need()
 
-    def _try_goal(self, time_limit: float) -> bool:
+    def _try_next_goal(self, time_limit: float) -> bool:
         """Set `need` to a search for the next goal that may be reached sooner.
 
         Returns:
             False where no goal is left, `need` being as it was; the first time a round is begun as well.
         """
-        while self._goals:
-            goal = self._goals.pop(0)
+        while self._goals_left:
+            goal = self._goals_left.pop(0)
             if not may_be_sooner(self.plan, goal):
                 continue
             scene = make_scene(self._scenario, goal)
             if find_barrier(scene) is None and find_joint_barrier(scene, range(scene.gimbals.count)) is None:
-                self._looked = _Way(goal, scene)
+                self._candidate_way = _Way(goal, scene)
                 self.need = SearchQuery(scene, replace(self._scenario.search, time_limit=time_limit))
                 return True
-        if self._tries:
-            self._tries = False
+        if self._is_trying_goals:
+            self._is_trying_goals = False
             self._begin_round(bends=0)
         return False
 
-    def _search(self, way: _Way, time_limit: float) -> None:
+    def _request_search(self, way: _Way, time_limit: float) -> None:
         """Set `need` to another search for a path to the goal of `way`, of at most `time_limit` s."""
         number, search = next(way.searches), self._scenario.search
         settings = replace(
@@ -272,20 +274,20 @@ class Shorter:
             seed=derived_seed(search.seed, _FIRST_SEED + number),
             time_limit=time_limit,
         )
-        self._looked, self.need = way, SearchQuery(way.scene, settings)
+        self._candidate_way, self.need = way, SearchQuery(way.scene, settings)
 
-    def _take_quickest(self) -> bool:
+    def _fit_quickest(self) -> bool:
         """Set `need` to a fit along the found path that looks quickest; False where none is worth it."""
         if self.plan.path is None:
             return False
-        paths = [self.plan.path, *(path for _, _, path in self._found)]
+        paths = [self.plan.path, *(path for _, _, path in self._found_paths)]
         nodes = [(path.attitudes, path.joints) for path in paths]
         own, *times = times_along(self._scenario.usable, nodes).tolist()
-        self._ranked += [(time, *found) for time, found in zip(times, self._found, strict=True)]
-        self._ranked.sort(key=lambda found: found[0])
-        self._found = []
-        while self._ranked and self._ranked[0][0] <= _SLOWER * own:
-            _, way, result, path = self._ranked.pop(0)
+        self._ranked_paths += [(time, *found) for time, found in zip(times, self._found_paths, strict=True)]
+        self._ranked_paths.sort(key=lambda found: found[0])
+        self._found_paths = []
+        while self._ranked_paths and self._ranked_paths[0][0] <= _MAX_TIME_RATIO * own:
+            _, way, result, path = self._ranked_paths.pop(0)
             if not any(_is_near(path, other) for other in way.paths):
                 self._fit_along(way, result)
                 return True
@@ -295,26 +297,26 @@ class Shorter:
         """Set `need` to a rough fit along the path of a search result, and note the path in its way."""
         if result.path is not None:
             way.paths.append(result.path)
-            self._looked = way
-            self._so_far = replace(self.plan, goal=way.goal, search=result, path=result.path)
-            self._fit(result.path, first_guesses=0)
+            self._candidate_way = way
+            self._candidate = replace(self.plan, goal=way.goal, search=result, path=result.path)
+            self._request_fit(result.path, first_guesses=0)
 
-    def _fit(self, path: Path, first_guesses: int) -> None:
+    def _request_fit(self, path: Path, first_guesses: int) -> None:
         """Set `need` to a fit along a path from `first_guesses` bent curves; from none it is a rough fit."""
-        goal = self._so_far.goal
+        goal = self._candidate.goal
         if goal is None:
             raise RuntimeError("a certified plan has a goal")
-        self._rough = first_guesses == 0
+        self._is_rough_fit = first_guesses == 0
         query = wanted_fit(self._scenario, path, goal)
-        optimal = query.settings.optimal and not self._rough
+        optimal = query.settings.optimal and not self._is_rough_fit
         self.need = replace(
             query,
             settings=replace(query.settings, first_guesses=first_guesses, optimal=optimal),
-            at_most=self._at_most,
+            at_most=self._max_duration,
         )
 
     @property
-    def _at_most(self) -> float:
+    def _max_duration(self) -> float:
         """Duration, s, below which a motion must be for its plan to be taken."""
         shortest = self.plan.trajectory
         return math.inf if shortest is None else SHORTER * shortest.duration
@@ -323,4 +325,4 @@ class Shorter:
         """Whether a fit succeeded and its duration is less than `SHORTER` times that of the shortest plan."""
         if fitted.status is not Status.OK or fitted.trajectory is None:
             return False
-        return fitted.trajectory.duration < self._at_most
+        return fitted.trajectory.duration < self._max_duration

@@ -15,8 +15,8 @@ from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan
 
-_TRIES = 3  # durations to try; one in which there is no plan takes longer to compute
-_WORTHWHILE = 1.05  # times the longest duration known as too short; a motion of no more is short enough
+_MAX_TRIES = 3  # durations to try; one in which there is no plan takes longer to compute
+_SHORT_ENOUGH_RATIO = 1.05  # times the longest duration known as too short, up to which it is short enough
 
 
 class Sooner:
@@ -33,31 +33,31 @@ class Sooner:
 
     def __init__(self, plan: Plan, clock: Clock) -> None:
         self.plan, self._clock = plan, clock
-        self._scenario, self._left = plan.scenario, _TRIES
-        self._too_short = float(plan.duration_bound or 0.0)  # s
+        self._scenario, self._tries_left = plan.scenario, _MAX_TRIES
+        self._too_short_duration = float(plan.duration_bound or 0.0)  # s
         self.attempts: Attempts | None = None
-        self._next()
+        self._try_next_duration()
 
     def advance(self, found: Plan) -> None:
         """Take the plan with which the attempts ended, and begin attempts in the next duration."""
         if found.ok and found.trajectory is not None:
             self.plan = replace(found, scenario=self._scenario, message="")  # which is on a given duration
         else:
-            self._too_short = float(found.scenario.trajectory.duration)
-        self._next()
+            self._too_short_duration = float(found.scenario.trajectory.duration)
+        self._try_next_duration()
 
-    def _next(self) -> None:
+    def _try_next_duration(self) -> None:
         """Begin attempts in the next duration.
 
         `attempts` is None if the plan is short enough, or no tries or time are left.
         """
         self.attempts, trajectory = None, self.plan.trajectory
-        if trajectory is None or not self._left or not self._clock.left():
+        if trajectory is None or not self._tries_left or not self._clock.left():
             return
-        if trajectory.duration <= _WORTHWHILE * self._too_short:
+        if trajectory.duration <= _SHORT_ENOUGH_RATIO * self._too_short_duration:
             return
-        self._left -= 1
-        middle = (self._too_short + trajectory.duration) / 2
+        self._tries_left -= 1
+        middle = (self._too_short_duration + trajectory.duration) / 2
         settings = replace(self._scenario.trajectory, duration=middle)
         self.attempts = Attempts(replace(self._scenario, trajectory=settings), self._clock)
 

@@ -28,8 +28,8 @@ from jaxplan.runtime.precompile import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 
-_SHARES = np.linspace(1.0, 0.0, 9)  # fractions of its joints' straight motion at which a device may stop
-_MOST_TURNS = 4  # whole turns between two angles in a range of 720 deg to either side
+_STOP_SHARES = np.linspace(1.0, 0.0, 9)  # fractions of its joints' straight motion at which a device may stop
+_MAX_TURNS = 4  # whole turns between two angles in a range of 720 deg to either side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +76,7 @@ def find_goals(
         message = messages.hidden(scenario, unseen, end)
         return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message)
     if isinstance(asked, GivenState):
-        candidates: tuple[Goal, ...] = (_given(asked, start),)
+        candidates: tuple[Goal, ...] = (_goal_of_state(asked, start),)
     else:
         rows, most = scenario.constraints.at(end), largest_slew(scenario)
         found = decompose(
@@ -95,8 +95,8 @@ def find_goals(
             return Plan(scenario=scenario, status=Status.GOAL_UNREACHABLE, message=message)
         candidates = found.goals
     if moves(scenario):
-        candidates = tuple(_arriving(scenario, goal, end) for goal in candidates)
-    broken = [_broken(scenario, goal, end) for goal in candidates]
+        candidates = tuple(_add_arrival_rates(scenario, goal, end) for goal in candidates)
+    broken = [_goal_breaches(scenario, goal, end) for goal in candidates]
     valid = tuple(goal for goal, faults in zip(candidates, broken, strict=True) if not faults)
     if not valid:
         message = "; ".join(broken[0]) + messages.when(scenario, end)
@@ -133,11 +133,11 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
         return []
     craft, found = scenario.usable, list[Goal]()
     joint = craft.gimbals.yaws[device]
-    for turns in range(-_MOST_TURNS, _MOST_TURNS + 1):
+    for turns in range(-_MAX_TURNS, _MAX_TURNS + 1):
         joints = np.array(goal.joints)
         joints[joint] += 2 * np.pi * turns
         other = replace(goal, joints=joints)
-        if turns and not _broken(scenario, other, 0.0):
+        if turns and not _goal_breaches(scenario, other, 0.0):
             found.append(other)
     return sorted(found, key=lambda one: abs(one.joints[joint] - scenario.start.joints[joint]))
 
@@ -198,21 +198,21 @@ def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) ->
     """
     joints, own = np.array(goal.joints), scenario.usable.gimbals.joints_of(device)
     first = scenario.start.joints[own]
-    for share in _SHARES if not moves(scenario) else ():
+    for share in _STOP_SHARES if not moves(scenario) else ():
         joints[own] = first + share * (last - first)
         other = replace(goal, joints=joints)
-        if not _broken(scenario, other, 0.0):
+        if not _goal_breaches(scenario, other, 0.0):
             return [other]
     return []
 
 
-def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
+def _goal_breaches(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
     """Return a phrase for each limit or constraint that a goal breaks if it is reached at `time` s."""
     rates = end_rates(scenario, goal)
     return breaches(scenario, goal.attitude, goal.joints, *rates, arriving=True, time=time)
 
 
-def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
+def _add_arrival_rates(scenario: Scenario, goal: Goal, time: float) -> Goal:
     """Return a goal with its time and the rates that the platform and joints must have then.
 
     Args:
@@ -250,7 +250,7 @@ def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
     }
 
 
-def _given(state: GivenState, attitude: np.ndarray) -> Goal:
+def _goal_of_state(state: GivenState, attitude: np.ndarray) -> Goal:
     """Return the goal of a given state; `attitude` (3, 3), body to inertial, is that of the start."""
     slew = float(so3.distance(attitude, state.attitude))
     return Goal(attitude=state.attitude, joints=np.asarray(state.joints, float), slew_angle=slew)

@@ -19,10 +19,10 @@ from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import contradictions
 
-_WITHOUT_GOAL = (Status.INVALID_GOAL, Status.GOAL_UNREACHABLE)
-_HALVINGS = 5  # bisections for the fraction of the errors with which there is a goal
-_AWAY = {"start": "begin", "goal": "end"}
-_NARROW = np.deg2rad(1.0)  # rad; a tube that leaves less room at start or goal may be what is in the way
+_NO_GOAL_STATUSES = (Status.INVALID_GOAL, Status.GOAL_UNREACHABLE)
+_BISECTIONS = 5  # bisections for the fraction of the errors with which there is a goal
+_END_VERBS = {"start": "begin", "goal": "end"}
+_NARROW_ROOM = np.deg2rad(1.0)  # rad; a tube that leaves less room at start or goal may be what is in the way
 
 
 def with_advice(plan: Plan) -> Plan:
@@ -31,15 +31,15 @@ def with_advice(plan: Plan) -> Plan:
     if plan.ok or robust is None or not max(robust.attitude_error, robust.joint_error) > 0:
         return plan
     words = [plan.message]
-    if plan.status in _WITHOUT_GOAL:
-        words.append(_for_a_goal(plan, robust))
+    if plan.status in _NO_GOAL_STATUSES:
+        words.append(_goal_advice(plan, robust))
         if not words[-1]:  # there is none without a tube either
             return plan
-    words.append(_at_the_ends(plan, robust))
+    words.append(_end_room_advice(plan, robust))
     return replace(plan, message="; ".join(filter(None, words)))
 
 
-def _for_a_goal(plan: Plan, robust: Robust) -> str:
+def _goal_advice(plan: Plan, robust: Robust) -> str:
     """Return text on the largest errors with which there is a goal; empty if there is none without errors."""
     scenario = plan.scenario
     if contradictions(scenario):
@@ -57,35 +57,37 @@ def _for_a_goal(plan: Plan, robust: Robust) -> str:
     if not reached(0.0):
         return ""
     low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         low, high = (middle, high) if reached(middle) else (low, middle)
     if low == 0.0:
         return f"without {robust.words} there is a goal, and with small errors none was found"
     borne = share(low)
     each = {"attitude_error_deg": borne.attitude_error, "joint_error_deg": borne.joint_error}
-    told = " and ".join(f"{name} = {_below(np.rad2deg(error))}" for name, error in each.items() if error)
+    told = " and ".join(
+        f"{name} = {_round_down_text(np.rad2deg(error))}" for name, error in each.items() if error
+    )
     return f"{robust.words} is too wide for a goal: there is one with {told}"
 
 
-def _at_the_ends(plan: Plan, robust: Robust) -> str:
+def _end_room_advice(plan: Plan, robust: Robust) -> str:
     """Return text on the least room that the tube leaves at start and goal; empty where there is enough."""
     scenario, goal = plan.scenario, plan.goal
     ends = [("start", np.asarray(scenario.start.attitude), np.asarray(scenario.start.joints), 0.0)]
     if goal is not None:
         ends.append(("goal", goal.attitude, goal.joints, goal.time))
     found = [
-        (*_narrowest(scenario, scenario.constraints.at(time), attitude, joints), end)
+        (*_least_zone_margin(scenario, scenario.constraints.at(time), attitude, joints), end)
         for end, attitude, joints, time in ends
     ]
     left, sight, zone, end = min(found, key=lambda one: one[0])
-    if not left < _NARROW:
+    if not left < _NARROW_ROOM:
         return ""
     room = f"{max(np.rad2deg(left), 0.0):.2f} deg of room to zone {zone} at the {end}"
-    return f"{robust.words} leaves {sight} {room}: lower its errors, or {_AWAY[end]} farther from that"
+    return f"{robust.words} leaves {sight} {room}: lower its errors, or {_END_VERBS[end]} farther from that"
 
 
-def _narrowest(
+def _least_zone_margin(
     scenario: Scenario, rows: Constraints, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[float, str, str]:
     """Return the least margin of a state to any zone, rad, and the names of the sight and the zone.
@@ -104,7 +106,7 @@ def _narrowest(
     return least, scenario.sight_names[sight], scenario.zones[rows.zone[row]].name
 
 
-def _below(value: float) -> str:
+def _round_down_text(value: float) -> str:
     """Return text of a positive number, rounded down to two significant digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 1)
     return f"{np.floor(value / unit + 1e-9) * unit:.10g}"

@@ -40,17 +40,17 @@ def breaches(
         Where the tube about the state (`Scenario.robust`) makes a difference, the last phrase says so.
     """
     state = attitude, joints, angular_velocity, joint_rates
-    found = _broken(scenario, *state, arriving, time)
+    found = _state_breaches(scenario, *state, arriving, time)
     if not found or scenario.robust is None:
         return found
-    alone = _broken(replace(scenario, robust=None), *state, arriving, time)
+    alone = _state_breaches(replace(scenario, robust=None), *state, arriving, time)
     if alone == found:  # such as rates, of which errors take nothing
         return found
     tube = scenario.robust.words
     return (*found, f"this counts with {tube} about it" if alone else f"without {tube} it breaks nothing")
 
 
-def _broken(
+def _state_breaches(
     scenario: Scenario,
     attitude: np.ndarray,
     joints: np.ndarray,
@@ -64,7 +64,7 @@ def _broken(
     found = [] if np.all(np.isfinite(attitude)) else ["the attitude is not made of finite numbers"]
     found += [
         f"{name} is {np.rad2deg(excess):.4g} deg beyond its limit of {np.rad2deg(limit):.4g} deg"
-        for name, excess, limit in zip(craft.joint_names, *_beyond(scenario, joints), strict=True)
+        for name, excess, limit in zip(craft.joint_names, *_range_excess(scenario, joints), strict=True)
         if not excess <= ROUNDING
     ]
     bounds, norm = np.full(3, craft.rate_limit), craft.rate_norm_limit
@@ -88,14 +88,14 @@ def _broken(
         for name, rate, limit in rates
         if not rate <= limit * (1 + ROUNDING)
     ]
-    found += _overruns(scenario, joints, joint_rates, arriving)
+    found += _braking_breaches(scenario, joints, joint_rates, arriving)
     rows = scenario.constraints.at(time)
     stated = scenario.zones
     zones = [stated[zone] for zone in rows.zone if zone >= 0]
     return (*found, *constraint_breaches(rows, craft, attitude, joints, zones, scenario.sight_names))
 
 
-def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _range_excess(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how far joints (J,), rad, exceed the nearer end of their range, and that end, (J,) rad.
 
     The excess is negative within the range. The end is signed, but positive if the range is symmetric.
@@ -110,10 +110,10 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
     """Return a phrase for everything that the scenario's start breaks, overfull wheels included."""
     start = scenario.start
     state = start.attitude, start.joints, start.angular_velocity, start.joint_rates
-    return (*breaches(scenario, *state), *_overfull(scenario), *_too_quick(scenario))
+    return (*breaches(scenario, *state), *_wheel_breaches(scenario), *_axis_momentum_breaches(scenario))
 
 
-def _overfull(scenario: Scenario) -> Iterator[str]:
+def _wheel_breaches(scenario: Scenario) -> Iterator[str]:
     """Yield a phrase for each wheel that stores more momentum at the start than a plan may use.
 
     With the allocation "minimax" wheels are checked in pairs: there is a phrase for the worst pair, across
@@ -131,11 +131,11 @@ def _overfull(scenario: Scenario) -> Iterator[str]:
     names = row_names(craft.wheels, craft.allocation)
     for row in broken:
         owner = f"the {names[row]}" if envelope else f'wheel "{names[row]}"'
-        most = _most(scenario, float(array.momentum[row]), float(stored[row]))
+        most = _momentum_limit_text(scenario, float(array.momentum[row]), float(stored[row]))
         yield f"{owner} stores {stored[row]:.6g} N m s at the start, of {most}"
 
 
-def _too_quick(scenario: Scenario) -> Iterator[str]:
+def _axis_momentum_breaches(scenario: Scenario) -> Iterator[str]:
     """Yield a phrase for each body axis about which the start has more momentum than the wheels may hold.
 
     The limit is `wheel_momentum_limit`, N m s, and the momentum that of the body and its stages in motion.
@@ -152,14 +152,14 @@ def _too_quick(scenario: Scenario) -> Iterator[str]:
     limits = np.broadcast_to(np.asarray(craft.wheel_momentum_limit, float), 3)
     for axis, held, limit in zip("xyz", np.asarray(motion.momentum).tolist(), limits.tolist(), strict=True):
         if not abs(held) <= limit * (1 + ROUNDING):
-            most = _most(scenario, limit, held)
+            most = _momentum_limit_text(scenario, limit, held)
             yield (
                 f"at its rates the wheels hold {held:.6g} N m s about body {axis} at the start, of "
                 f"wheel_momentum_limit_nms = {most}"
             )
 
 
-def _most(scenario: Scenario, limit: float, held: float) -> str:
+def _momentum_limit_text(scenario: Scenario, limit: float, held: float) -> str:
     """Return text of a momentum limit that a plan may use, and of the whole limit if a reserve is kept back.
 
     `limit` is the usable limit and `held` the momentum to compare it with, both in N m s.
@@ -199,7 +199,7 @@ def contradictions(scenario: Scenario) -> tuple[str, ...]:
     return hidden_targets(scenario, time) or (() if own is None else (own,))
 
 
-def _overruns(
+def _braking_breaches(
     scenario: Scenario, joints: np.ndarray, joint_rates: np.ndarray, arriving: bool
 ) -> Iterator[str]:
     """Yield a phrase for each joint within its range that cannot brake before it leaves the range.
@@ -208,7 +208,7 @@ def _overruns(
     in rad/s, both (2n + d,).
     """
     craft = scenario.usable
-    beyond, ends = _beyond(scenario, joints)
+    beyond, ends = _range_excess(scenario, joints)
     room, side = -beyond, np.where(joints >= np.mean(craft.joint_ranges, axis=-1), 1, -1)
     outward = np.where(arriving, -1, 1) * side * joint_rates
     braking = joint_rates**2 / (2 * craft.joint_acceleration_limits)

@@ -6,7 +6,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.timeline import Activity
 from jaxplan.timeline.motions import Doing, Motion, Refused
 
-_SAME = 1e-9  # s, by which a time may be late
+_TIME_TOLERANCE = 1e-9  # s, by which a time may be late
 
 
 def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
@@ -26,7 +26,7 @@ def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
             Status.OUT_OF_WINDOW,
             f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",
         )
-    if latest is not None and end > latest + _SAME:
+    if latest is not None and end > latest + _TIME_TOLERANCE:
         hidden = doing.seen_at_last(motion.begin)
         why = f"its slew begins at {since:.2f} s and ends at {motion.begin:.2f} s"
         advice = "Let the window end later, ask for less time, or do less before"

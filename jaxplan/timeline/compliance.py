@@ -19,9 +19,9 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Activity, Segment, Timeline, in_order
 from jaxplan.trajectory import Trajectory
 
-_SAME_TIME = 1e-6  # s, by which a time may be missed because of rounding
-_STEP = 1e-4  # s to either side of an instant, over which boresights are moved by their joints
-_DRIFT = 1e-6  # rad/s, by which a beam's rate may differ from its target's at an instant
+_TIME_TOLERANCE = 1e-6  # s, by which a time may be missed because of rounding
+_DIFFERENCE_STEP = 1e-4  # s to either side of an instant, over which boresights are moved by their joints
+_MAX_DRIFT = 1e-6  # rad/s, by which a beam's rate may differ from its target's at an instant
 
 Done = Mapping[str, tuple[float, float]]
 """When activities begin and end, s, as a plan has it, by name."""
@@ -49,24 +49,27 @@ def unmet(
             faults += [f"{activity.name}: is not done"] if whole else []
             continue
         begin, end = done[activity.name]
-        found = [*_untimely(activity, begin, end, timeline.until), *_unseen(activity, begin, end)]
-        if begin < last - _SAME_TIME:
+        found = [
+            *_time_faults(activity, begin, end, timeline.until),
+            *_visibility_faults(activity, begin, end),
+        ]
+        if begin < last - _TIME_TOLERANCE:
             found.append(f"begins at {begin:.2f} s, before what is in front of it ends, at {last:.2f} s")
-        if activity.after and not ended.get(activity.after, np.inf) <= begin + _SAME_TIME:
+        if activity.after and not ended.get(activity.after, np.inf) <= begin + _TIME_TOLERANCE:
             found.append(f"is not done after {activity.after}")
-        if not 0 <= begin <= end <= trajectory.duration + _SAME_TIME:
+        if not 0 <= begin <= end <= trajectory.duration + _TIME_TOLERANCE:
             found.append(f"is not within the motion, which ends at {trajectory.duration:.2f} s")
         else:
-            found += _off(timeline.scene.spacecraft, activity, trajectory, segments, begin, end)
+            found += _motion_faults(timeline.scene.spacecraft, activity, trajectory, segments, begin, end)
         faults += [f"{activity.name}: {fault}" for fault in found]
         ended[activity.name] = last = end
     until = timeline.until
-    if whole and until is not None and not trajectory.duration >= until - _SAME_TIME:
+    if whole and until is not None and not trajectory.duration >= until - _TIME_TOLERANCE:
         faults.append(f"the motion ends at {trajectory.duration:.2f} s, the timeline at {until:.2f} s")
     return faults
 
 
-def _off(
+def _motion_faults(
     craft: Spacecraft,
     activity: Activity,
     trajectory: Trajectory,
@@ -75,54 +78,54 @@ def _off(
     end: float,
 ) -> Iterator[str]:
     """Yield what an activity asks for that is not met in the motion from `begin` to `end`, s."""
-    lasting = activity.kind != "point" and end - begin > _SAME_TIME
+    lasting = activity.kind != "point" and end - begin > _TIME_TOLERANCE
     if lasting and not any(_covers(segment, activity, begin, end) for segment in segments):
         yield f"has no segment from {begin:.2f} s to {end:.2f} s"
     elif activity.attitude is not None:
-        yield from _unheld(activity.attitude, trajectory, begin, end)
+        yield from _hold_faults(activity.attitude, trajectory, begin, end)
     elif activity.targets is not None and not lasting:
-        yield from _astray(craft, activity.targets, trajectory, begin)
+        yield from _pointing_faults(craft, activity.targets, trajectory, begin)
 
 
 def _covers(segment: Segment, activity: Activity, begin: float, end: float) -> bool:
     """Whether a segment belongs to an activity and lasts at least from `begin` to `end`, s."""
     own = (segment.name, segment.kind) == (activity.name, activity.kind)
-    return own and segment.start <= begin + _SAME_TIME and segment.end >= end - _SAME_TIME
+    return own and segment.start <= begin + _TIME_TOLERANCE and segment.end >= end - _TIME_TOLERANCE
 
 
-def _untimely(activity: Activity, begin: float, end: float, until: float | None) -> Iterator[str]:
+def _time_faults(activity: Activity, begin: float, end: float, until: float | None) -> Iterator[str]:
     """Yield how an activity from `begin` to `end`, s, violates its window or the duration it must have.
 
     `until` is the end of the timeline, s, or None.
     """
-    if activity.earliest is not None and not begin >= activity.earliest - _SAME_TIME:
+    if activity.earliest is not None and not begin >= activity.earliest - _TIME_TOLERANCE:
         yield f"begins at {begin:.2f} s, not from {activity.earliest:.2f} s on"
-    if activity.latest is not None and not end <= activity.latest + _SAME_TIME:
+    if activity.latest is not None and not end <= activity.latest + _TIME_TOLERANCE:
         yield f"ends at {end:.2f} s, not by {activity.latest:.2f} s"
     lasts = end - begin
-    if activity.duration is not None and not lasts >= activity.duration - _SAME_TIME:
+    if activity.duration is not None and not lasts >= activity.duration - _TIME_TOLERANCE:
         yield f"lasts {lasts:.2f} s, not {activity.duration:.2f} s"
     last = until if activity.latest is None else activity.latest
     if activity.kind == "point" or activity.duration is not None or last is None:
         return
-    if not end >= last - _SAME_TIME:
+    if not end >= last - _TIME_TOLERANCE:
         yield f"ends at {end:.2f} s, not at {last:.2f} s"
 
 
-def _unseen(activity: Activity, begin: float, end: float) -> Iterator[str]:
+def _visibility_faults(activity: Activity, begin: float, end: float) -> Iterator[str]:
     """Yield a phrase for each target of an activity that is hidden at some time from `begin` to `end`, s."""
     for path in () if activity.targets is None else activity.targets.paths:
         for span in path.hidden:
-            if span.at(begin) or begin < span.start < end - _SAME_TIME:
+            if span.at(begin) or begin < span.start < end - _TIME_TOLERANCE:
                 yield f"{span.target} is hidden by {span.by} from {span.start:.2f} s on"
 
 
-def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float) -> Iterator[str]:
+def _hold_faults(state: GivenState, trajectory: Trajectory, begin: float, end: float) -> Iterator[str]:
     """Yield a phrase if attitude or joints leave a given state at any time from `begin` to `end`, s."""
     at = trajectory.sample(np.clip(begin, 0.0, trajectory.duration))
     turned = float(so3.distance(state.attitude, at.attitude))
     joints = np.abs(at.joints - state.joints)
-    for piece in _between(trajectory.breaks, begin, end):
+    for piece in _overlapping_pieces(trajectory.breaks, begin, end):
         base, own = trajectory.chart_attitude[piece], trajectory.coefficients[piece]
         # where the chart turns it leaves its base by as much at most
         elapsed = np.max(np.abs(trajectory.breaks[piece : piece + 2] - trajectory.chart_start[piece]))
@@ -131,7 +134,7 @@ def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float)
             trajectory.chart_rate[piece]
         )
         turned = np.maximum(turned, away + moved)  # of which no number that is none is lost
-    for piece in _between(trajectory.joint_breaks, begin, end):
+    for piece in _overlapping_pieces(trajectory.joint_breaks, begin, end):
         own = trajectory.joint_coefficients[piece]
         joints = np.maximum(joints, np.abs(own[0] - state.joints) + np.sum(np.abs(own[1:]), axis=0))
     worst = np.max(joints, initial=0.0)
@@ -141,18 +144,20 @@ def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float)
         yield f"its joints are held within {np.rad2deg(worst):.3g} deg, not as they are asked for"
 
 
-def _between(breaks: np.ndarray, begin: float, end: float) -> range:
-    """Indices of the pieces that overlap the span from `begin` to `end`, s, by more than `_SAME_TIME`."""
-    first = int(np.searchsorted(breaks, begin + _SAME_TIME, side="right")) - 1
-    last = int(np.searchsorted(breaks, end - _SAME_TIME))
+def _overlapping_pieces(breaks: np.ndarray, begin: float, end: float) -> range:
+    """Indices of the pieces that overlap times from `begin` to `end`, s, by more than `_TIME_TOLERANCE`."""
+    first = int(np.searchsorted(breaks, begin + _TIME_TOLERANCE, side="right")) - 1
+    last = int(np.searchsorted(breaks, end - _TIME_TOLERANCE))
     return range(max(first, 0), min(last, len(breaks) - 1))
 
 
-def _astray(craft: Spacecraft, targets: Targets, trajectory: Trajectory, time: float) -> Iterator[str]:
+def _pointing_faults(
+    craft: Spacecraft, targets: Targets, trajectory: Trajectory, time: float
+) -> Iterator[str]:
     """Yield a phrase for each device that at `time`, s, misses its target or moves otherwise than that."""
     at = trajectory.sample(np.clip(time, 0.0, trajectory.duration))
     when = np.array([time])
-    change = _STEP * np.array([-1.0, 0.0, 1.0])[:, None] * at.joint_rates
+    change = _DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])[:, None] * at.joint_rates
     moving = np.asarray(craft.gimbals.boresights(at.joints + change))
     still = np.broadcast_to(craft.fixed_boresights, (len(moving), *craft.fixed_boresights.shape))
     beams = np.concatenate([moving, still], axis=1)
@@ -161,7 +166,7 @@ def _astray(craft: Spacecraft, targets: Targets, trajectory: Trajectory, time: f
         off = float(separation(at.attitude @ beam[1], np.asarray(toward.at(when))[0]))
         if not off <= float(targets.tolerance):
             yield f"{name} is off its target by {np.rad2deg(off):.3g} deg at {time:.2f} s"
-        turning = np.cross(at.angular_velocity, beam[1]) + (beam[2] - beam[0]) / (2 * _STEP)
+        turning = np.cross(at.angular_velocity, beam[1]) + (beam[2] - beam[0]) / (2 * _DIFFERENCE_STEP)
         drift = float(np.linalg.norm(at.attitude @ turning - np.asarray(toward.rate(when))[0]))
-        if not drift <= _DRIFT:
+        if not drift <= _MAX_DRIFT:
             yield f"{name} moves by {np.rad2deg(drift):.3g} deg/s otherwise than its target at {time:.2f} s"

@@ -28,15 +28,15 @@ from jaxplan.timeline.least_energy import Nodes
 from jaxplan.trajectory import Trajectory
 
 DEGREE = 5
-_CHART = 1.0  # rad, rotation after which a new chart begins
-_AROUND = 5  # nodes to either side, from which derivatives at the ends of charts are computed
+_CHART_TURN = 1.0  # rad, rotation after which a new chart begins
+_NODES_TO_SIDE = 5  # nodes to either side, from which derivatives at the ends of charts are computed
 FEWEST = 8  # nodes of a curve
 
 # From coefficients of powers of (u + 1) / 2 to Legendre coefficients in u, for degree 5.
-_TO_LEGENDRE = np.zeros((DEGREE + 1, DEGREE + 1))
+_POWERS_TO_LEGENDRE = np.zeros((DEGREE + 1, DEGREE + 1))
 for _power in range(DEGREE + 1):
-    _own = np.polynomial.polynomial.polypow([0.5, 0.5], _power)
-    _TO_LEGENDRE[: _power + 1, _power] = np.polynomial.legendre.poly2leg(_own)
+    _shifted_power = np.polynomial.polynomial.polypow([0.5, 0.5], _power)
+    _POWERS_TO_LEGENDRE[: _power + 1, _power] = np.polynomial.legendre.poly2leg(_shifted_power)
 
 
 def through(nodes: Nodes) -> Trajectory:
@@ -46,15 +46,15 @@ def through(nodes: Nodes) -> Trajectory:
         nodes: the states to pass, at least `FEWEST` of them.
     """
     times = nodes.times - nodes.times[0]
-    joints = _spline(times, nodes.joints)
+    joints = _legendre_spline(times, nodes.joints)
     edges = chart_ends(nodes.attitudes)
-    derivatives = {node: _derivatives(times, nodes.attitudes, node) for node in edges}
+    derivatives = {node: _body_derivatives(times, nodes.attitudes, node) for node in edges}
     breaks, coefficients, attitudes, starts = [times[:1]], [], [], []
     for first, last in pairwise(edges):
         own = slice(first, last + 1)
         b = so3.log(nodes.attitudes[first].T @ nodes.attitudes[own])
-        ends = [_in_chart(eta, *derivatives[node]) for eta, node in ((b[0], first), (b[-1], last))]
-        spline = _spline(times[own], b, ends)
+        ends = [_chart_derivatives(eta, *derivatives[node]) for eta, node in ((b[0], first), (b[-1], last))]
+        spline = _legendre_spline(times[own], b, ends)
         breaks.append(spline[0][1:])
         coefficients.append(spline[1])
         attitudes += [nodes.attitudes[first]] * len(spline[1])
@@ -73,7 +73,9 @@ def through(nodes: Nodes) -> Trajectory:
     )
 
 
-def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np.ndarray, np.ndarray]:
+def _legendre_spline(
+    times: np.ndarray, values: np.ndarray, ends: Any = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the spline of degree 5 through values, as breaks (p + 1,) s and coefficients (p, 6, d).
 
     It has p pieces; coefficients are those of Legendre polynomials.
@@ -93,27 +95,27 @@ def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np
             for order in range(DEGREE + 1)
         ]
     )
-    coefficients = np.einsum("lk,kpd->pld", _TO_LEGENDRE, powers)
+    coefficients = np.einsum("lk,kpd->pld", _POWERS_TO_LEGENDRE, powers)
     coefficients[:, 0] += base
     return breaks, coefficients
 
 
 def interpolated(times: np.ndarray, values: np.ndarray, ends: Any = None) -> Any:
-    """Return scipy's spline of degree 5 through values; arguments as of `_spline`."""
+    """Return scipy's spline of degree 5 through values; arguments as of `_legendre_spline`."""
     given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
-    return _made(times, values, given)
+    return _interpolate(times, values, given)
 
 
 def rising(times: np.ndarray, values: np.ndarray) -> Any:
     """Return scipy's spline of degree 5 whose first two derivatives are zero at its start.
 
-    Its third and fourth derivatives are zero at its end. Arguments are as of `_spline`.
+    Its third and fourth derivatives are zero at its end. Arguments are as of `_legendre_spline`.
     """
     zero = np.zeros(values.shape[1])
-    return _made(times, values, ([(1, zero), (2, zero)], [(3, zero), (4, zero)]))
+    return _interpolate(times, values, ([(1, zero), (2, zero)], [(3, zero), (4, zero)]))
 
 
-def _made(times: np.ndarray, values: np.ndarray, conditions: Any) -> Any:
+def _interpolate(times: np.ndarray, values: np.ndarray, conditions: Any) -> Any:
     """Return scipy's spline of degree 5 through values; `conditions` is scipy's `bc_type`."""
     from scipy.interpolate import make_interp_spline  # slow to import, so not at the top
 
@@ -121,16 +123,16 @@ def _made(times: np.ndarray, values: np.ndarray, conditions: Any) -> Any:
 
 
 def chart_ends(attitudes: np.ndarray) -> list[int]:
-    """Return indices of the nodes at which charts end: first, last, and those before a turn of `_CHART`."""
+    """Return indices of nodes at which charts end: first, last, and those before a turn of `_CHART_TURN`."""
     edges = [0]
     for node in range(1, len(attitudes)):
-        far = so3.distance(attitudes[edges[-1]], attitudes[node]) > _CHART
+        far = so3.distance(attitudes[edges[-1]], attitudes[node]) > _CHART_TURN
         if far and node - 1 > edges[-1]:
             edges.append(node - 1)
     return [*edges, len(attitudes) - 1]
 
 
-def _derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
+def _body_derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
     """Return angular velocity and acceleration at a node, (3,) each in body axes, from the nodes around."""
     own = around(len(times), node)
     spline = interpolated(times[own], so3.log(attitudes[node].T @ attitudes[own]))
@@ -139,11 +141,11 @@ def _derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[n
 
 def around(count: int, node: int) -> slice:
     """Return the slice of the `count` nodes from which derivatives at `node` are computed."""
-    first = max(0, min(node - _AROUND, count - 2 * _AROUND - 1))
-    return slice(first, first + 2 * _AROUND + 1)
+    first = max(0, min(node - _NODES_TO_SIDE, count - 2 * _NODES_TO_SIDE - 1))
+    return slice(first, first + 2 * _NODES_TO_SIDE + 1)
 
 
-def _in_chart(
+def _chart_derivatives(
     eta: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return first and second derivative (3,) of chart coordinates ``b`` at ``eta``.
@@ -169,7 +171,7 @@ def bent(
         share: fraction of the first and last piece, from the outer end, over which the change is spread.
     """
     if share < 1:
-        trajectory = _cut(trajectory, share)
+        trajectory = _cut_end_pieces(trajectory, share)
     curve = np.array(trajectory.coefficients)
     joints = np.array(trajectory.joint_coefficients)
     for number, wanted in enumerate(ends):
@@ -180,20 +182,22 @@ def bent(
         # b'' adds U^T D b'' to the acceleration, and D is the identity at either end
         half: np.ndarray = so3.exp((time - trajectory.chart_start[own]) * trajectory.chart_rate[own] / 2)
         lacking = np.einsum("ij,j->i", half, wanted[0] - now.angular_acceleration)
-        curve[own] += _bump(number, float(span))[:, None] * lacking
+        curve[own] += _acceleration_bump(number, float(span))[:, None] * lacking
         span = (
             trajectory.joint_breaks[own] - trajectory.joint_breaks[own - 1]
             if number
             else trajectory.joint_breaks[1]
         )
-        joints[own] += _bump(number, float(span))[:, None] * (wanted[1] - now.joint_accelerations)
+        joints[own] += _acceleration_bump(number, float(span))[:, None] * (
+            wanted[1] - now.joint_accelerations
+        )
     return replace(trajectory, coefficients=curve, joint_coefficients=joints, smoothness=2)
 
 
-def _cut(trajectory: Trajectory, share: float) -> Trajectory:
+def _cut_end_pieces(trajectory: Trajectory, share: float) -> Trajectory:
     """Return the same motion with its first and last piece cut in two; outer parts are `share` of a piece."""
-    breaks, coefficients, kept = _cut_spline(trajectory.breaks, trajectory.coefficients, share)
-    joint_breaks, joints, _ = _cut_spline(trajectory.joint_breaks, trajectory.joint_coefficients, share)
+    breaks, coefficients, kept = _cut_spline_ends(trajectory.breaks, trajectory.coefficients, share)
+    joint_breaks, joints, _ = _cut_spline_ends(trajectory.joint_breaks, trajectory.joint_coefficients, share)
     return replace(
         trajectory,
         breaks=breaks,
@@ -206,7 +210,7 @@ def _cut(trajectory: Trajectory, share: float) -> Trajectory:
     )
 
 
-def _cut_spline(
+def _cut_spline_ends(
     breaks: np.ndarray, coefficients: np.ndarray, share: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cut the first and the last piece of a spline in two; the outer parts are `share` of the pieces.
@@ -224,13 +228,13 @@ def _cut_spline(
     return edges, np.linalg.solve(np.polynomial.legendre.legvander(places, DEGREE), values), kept
 
 
-def _bump(end: int, span: float) -> np.ndarray:
+def _acceleration_bump(end: int, span: float) -> np.ndarray:
     """Coefficients (6,), s^2, that add a unit acceleration at one end of a piece of `span` s.
 
     `end` is 0 for the start of the piece and 1 for its end.
     """
     rise = np.polynomial.Polynomial([0, 0, 0, 1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** 2 / 2
-    found = _TO_LEGENDRE @ np.asarray(rise.coef, float) * span**2
+    found = _POWERS_TO_LEGENDRE @ np.asarray(rise.coef, float) * span**2
     return found if end else found * (-1.0) ** np.arange(DEGREE + 1)
 
 

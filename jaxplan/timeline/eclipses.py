@@ -23,20 +23,20 @@ from jaxplan.sky import RADII
 from jaxplan.sky.orbits import EARTH_MU
 from jaxplan.timeline.sign_changes import Changes, changes
 
-_NAMES = {"sun": ("sun",), "earth": ("earth", "nadir")}
-_MISFIT = 1e-3  # relative error of the square root of the rate up to which an orbit counts as fitting
-_ARC = 0.5  # rad of the orbit that must be known to tell its shape
-_STEP = 20.0  # s between samples
+_ZONE_NAMES = {"sun": ("sun",), "earth": ("earth", "nadir")}
+_MAX_MISFIT = 1e-3  # relative error of the square root of the rate up to which an orbit counts as fitting
+_MIN_ARC = 0.5  # rad of the orbit that must be known to tell its shape
+_SAMPLE_STEP = 20.0  # s between samples
 
 
 def paths_of(zones: Iterable[Zone]) -> tuple[DirectionPath, DirectionPath] | None:
     """Return the directions to Sun and Earth over time, from zones of these names; None if one is missing."""
     found: dict[str, DirectionPath] = {}
     for zone in zones:
-        for body, names in _NAMES.items():
+        for body, names in _ZONE_NAMES.items():
             if zone.path is not None and zone.name.lower() in names:
                 found.setdefault(body, zone.path)
-    return (found["sun"], found["earth"]) if len(found) == len(_NAMES) else None
+    return (found["sun"], found["earth"]) if len(found) == len(_ZONE_NAMES) else None
 
 
 def eclipses(sun: DirectionPath, earth: DirectionPath, end: float) -> Changes | None:
@@ -56,8 +56,8 @@ def eclipses(sun: DirectionPath, earth: DirectionPath, end: float) -> Changes | 
     last = min(end, float(earth.times[-1]), float(sun.times[-1]) if sun.moves else end)
     if not last > first:
         return None
-    times = np.linspace(first, last, 2 + int((last - first) / _STEP))
-    orbit = _orbit(earth, times)
+    times = np.linspace(first, last, 2 + int((last - first) / _SAMPLE_STEP))
+    orbit = _fit_orbit(earth, times)
     if orbit is None:
         return None
     east, north, shape = orbit
@@ -65,7 +65,7 @@ def eclipses(sun: DirectionPath, earth: DirectionPath, end: float) -> Changes | 
     def clearance(at: np.ndarray, _: np.ndarray) -> np.ndarray:
         down = np.asarray(earth.at(at))
         angle = np.arctan2(down @ north, down @ east)
-        root = _basis(angle) @ shape
+        root = _harmonic_basis(angle) @ shape
         parameter = (EARTH_MU / shape[0] ** 4) ** (1 / 3)
         radius = parameter / (root / shape[0])
         limb = np.arcsin(np.minimum(RADII["earth"] / radius, 1.0))
@@ -75,17 +75,17 @@ def eclipses(sun: DirectionPath, earth: DirectionPath, end: float) -> Changes | 
     return changes(table, times, clearance)
 
 
-def _basis(angle: np.ndarray) -> np.ndarray:
+def _harmonic_basis(angle: np.ndarray) -> np.ndarray:
     """Return (k, 3): 1, cosine and sine of angles (k,), rad."""
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _orbit(earth: DirectionPath, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def _fit_orbit(earth: DirectionPath, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Fit an orbit to directions to the Earth at `times`, s; None where none fits.
 
     Returns:
-        Two unit vectors (3,) that span the orbit's plane, and coefficients (3,) of `_basis` for the square
-        root of the angular rate.
+        Two unit vectors (3,) that span the orbit's plane, and coefficients (3,) of `_harmonic_basis` for the
+        square root of the angular rate.
     """
     down, turn = np.asarray(earth.at(times)), np.asarray(earth.rate(times))
     normal = np.mean(np.cross(down, turn), axis=0)
@@ -98,12 +98,12 @@ def _orbit(earth: DirectionPath, times: np.ndarray) -> tuple[np.ndarray, np.ndar
     east /= np.linalg.norm(east)
     north = np.cross(normal, east)
     angle = np.unwrap(np.arctan2(down @ north, down @ east))
-    if np.ptp(angle) < _ARC:
+    if np.ptp(angle) < _MIN_ARC:
         return None
-    basis, root = _basis(angle), np.sqrt(rate)
+    basis, root = _harmonic_basis(angle), np.sqrt(rate)
     shape = np.linalg.lstsq(basis, root, rcond=None)[0]
     misfit = np.max(np.abs(basis @ shape - root)) / shape[0]
     eccentric = np.linalg.norm(shape[1:]) / shape[0]
-    if not (misfit <= _MISFIT and eccentric < 1):
+    if not (misfit <= _MAX_MISFIT and eccentric < 1):
         return None
     return east, north, shape

@@ -8,9 +8,9 @@ import numpy as np
 
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
-_ROUNDS = 12  # most rounds in which rows are added
-_KEPT = 1e-9  # rad, by which a row may be violated and still counts as kept
-_FLAT = 1e-9  # norm of a row below which it is ignored, since no step changes its value
+_MAX_ROUNDS = 12  # most rounds in which rows are added
+_ROW_TOLERANCE = 1e-9  # rad, by which a row may be violated and still counts as kept
+_MIN_ROW_NORM = 1e-9  # norm of a row below which it is ignored, since no step changes its value
 
 
 def priced_step(
@@ -33,9 +33,9 @@ def priced_step(
     inverse = np.linalg.inv(hessian)
     free = -inverse @ pull
     found, taken = free, np.zeros(len(slack), bool)
-    can_help = np.linalg.norm(rows, axis=1) > _FLAT
-    for _ in range(_ROUNDS):
-        broken = can_help & ~taken & (rows @ found + slack < -_KEPT)
+    can_help = np.linalg.norm(rows, axis=1) > _MIN_ROW_NORM
+    for _ in range(_MAX_ROUNDS):
+        broken = can_help & ~taken & (rows @ found + slack < -_ROW_TOLERANCE)
         if not np.any(broken):
             break
         taken |= broken

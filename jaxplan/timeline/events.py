@@ -46,8 +46,8 @@ KINDS = (
 """What events may be; of those of one instant the order in which they are told."""
 NEAR = np.deg2rad(5.0)
 """rad: margin to a keep-out zone below which a device is near to it, unless another one is asked for."""
-_STEP = 10.0  # s between samples of the motion, at most; a slew has more
-_EACH = 33  # least number of samples of a segment
+_SAMPLE_STEP = 10.0  # s between samples of the motion, at most; a slew has more
+_MIN_SAMPLES = 33  # least number of samples of a segment
 _TARGET_STEP = 15.0  # s between samples of targets
 
 
@@ -95,23 +95,28 @@ def events(plan: TimelinePlan, *, near: float = NEAR) -> tuple[Event, ...]:
     if trajectory is None:
         return ()
     end = trajectory.duration
-    found = [*_doings(plan), *_risings(plan, end), *_outages(plan, end), *_eclipses(plan, end)]
-    times = _instants(plan, end)
-    found += _of_margins(plan, trajectory, times, near)
-    found += _of_wheels(plan, trajectory, times)
+    found = [
+        *_activity_events(plan),
+        *_visibility_events(plan, end),
+        *_outage_events(plan, end),
+        *_eclipse_events(plan, end),
+    ]
+    times = _sample_times(plan, end)
+    found += _margin_events(plan, trajectory, times, near)
+    found += _wheel_events(plan, trajectory, times)
     return tuple(sorted(found, key=lambda event: (event.time, KINDS.index(event.kind))))
 
 
-def _instants(plan: TimelinePlan, end: float) -> np.ndarray:
+def _sample_times(plan: TimelinePlan, end: float) -> np.ndarray:
     """Return times (k,), s, at which the motion is sampled first: some in every segment, up to `end`."""
     parts = [
-        np.linspace(one.start, one.end, max(_EACH, 2 + int((one.end - one.start) / _STEP)))
+        np.linspace(one.start, one.end, max(_MIN_SAMPLES, 2 + int((one.end - one.start) / _SAMPLE_STEP)))
         for one in plan.segments
     ]
     return np.unique(np.clip(np.concatenate(parts), 0.0, end))
 
 
-def _doings(plan: TimelinePlan) -> Iterator[Event]:
+def _activity_events(plan: TimelinePlan) -> Iterator[Event]:
     """Yield the begins and ends of slews and activities."""
     for segment in plan.segments:
         if segment.kind == "slew":
@@ -139,7 +144,7 @@ class _Target:
     devices: tuple[str, ...]
 
 
-def _targets(plan: TimelinePlan) -> list[_Target]:
+def _list_targets(plan: TimelinePlan) -> list[_Target]:
     """Return all targets of activities, each once even if several activities have it.
 
     A target whose path has no name is called after the device and the first activity that has it.
@@ -165,9 +170,9 @@ def _targets(plan: TimelinePlan) -> list[_Target]:
     return [_Target(name=names[key], path=path, devices=tuple(devices[key])) for key, path in paths.items()]
 
 
-def _risings(plan: TimelinePlan, end: float) -> Iterator[Event]:
+def _visibility_events(plan: TimelinePlan, end: float) -> Iterator[Event]:
     """Yield when targets are hidden and when they are seen again, until `end`, s."""
-    for target in _targets(plan):
+    for target in _list_targets(plan):
         until = -np.inf
         spans = sorted(target.path.hidden, key=lambda span: span.start)
         for place, span in enumerate(spans):
@@ -181,21 +186,21 @@ def _risings(plan: TimelinePlan, end: float) -> Iterator[Event]:
                 yield Event(time=until, kind="rises", what=target.name, text=f"{target.name} is seen again")
 
 
-def _outages(plan: TimelinePlan, end: float) -> Iterator[Event]:
+def _outage_events(plan: TimelinePlan, end: float) -> Iterator[Event]:
     """Yield when targets enter and leave keep-out cones that bind their devices, until `end`, s."""
     zones = [
         zone
         for zone in plan.timeline.scene.keep_out
         if zone.path is not None and zone.any_of is None and not zone.of_field
     ]
-    for target in _targets(plan):
+    for target in _list_targets(plan):
         for zone in zones:
             bound = [name for name in target.devices if zone.binds_all or name in zone.devices]
             if bound:
-                yield from _passages(target, zone, bound, end)
+                yield from _passage_events(target, zone, bound, end)
 
 
-def _passages(target: _Target, zone: KeepOut, devices: Sequence[str], end: float) -> Iterator[Event]:
+def _passage_events(target: _Target, zone: KeepOut, devices: Sequence[str], end: float) -> Iterator[Event]:
     """Yield when a target enters and leaves a keep-out cone while not hidden, until `end`, s.
 
     `devices` are the names of those that the cone binds and that have this target, for the text.
@@ -223,7 +228,7 @@ def _passages(target: _Target, zone: KeepOut, devices: Sequence[str], end: float
         yield Event(time=time, kind=kind, what=target.name, text=text)
 
 
-def _eclipses(plan: TimelinePlan, end: float) -> Iterator[Event]:
+def _eclipse_events(plan: TimelinePlan, end: float) -> Iterator[Event]:
     """Yield when the Earth hides the Sun, until `end`, s; nothing if zones do not give their directions."""
     bodies = paths_of((*plan.timeline.scene.keep_out, *plan.timeline.scene.keep_in))
     found = None if bodies is None else eclipses(*bodies, end)
@@ -234,7 +239,7 @@ def _eclipses(plan: TimelinePlan, end: float) -> Iterator[Event]:
         yield Event(time=time, kind=kind, what="sun", text=f"the Sun's centre {way} behind the Earth")
 
 
-def _of_margins(
+def _margin_events(
     plan: TimelinePlan, trajectory: Trajectory, times: np.ndarray, near: float
 ) -> Iterator[Event]:
     """Yield when devices come nearer than `near`, rad, to keep-out zones, and each zone's least margin.
@@ -278,7 +283,7 @@ def _of_margins(
             yield Event(time=float(when[worst]), kind="least_margin", what=zone, text=text)
 
 
-def _of_wheels(plan: TimelinePlan, trajectory: Trajectory, times: np.ndarray) -> Iterator[Event]:
+def _wheel_events(plan: TimelinePlan, trajectory: Trajectory, times: np.ndarray) -> Iterator[Event]:
     """Yield for each wheel when the momentum that it stores is largest in size."""
     craft = plan.timeline.scene.spacecraft
     if not craft.wheels:

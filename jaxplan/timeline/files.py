@@ -36,13 +36,13 @@ SCHEMA_VERSION = 1
 KIND = "plan of a timeline"
 LARGEST = 2**30
 """Bytes of all entries together, unpacked; a day of a spacecraft with eight joints has 10 MB."""
-_CONTENT = "plan.json"
-_LONG = 32  # least length of a list of numbers that is an entry of its own
-_ENTRY = "entry"  # key of a dict that stands in place of such a list, with the entry's name
-_MADE = (1980, 1, 1, 0, 0, 0)  # time stamp of all entries, the same for equal bytes
-_ROUNDING = 1e-9  # s, by which equal times may differ
+_CONTENT_ENTRY = "plan.json"
+_MIN_ENTRY_LENGTH = 32  # least length of a list of numbers that is an entry of its own
+_ENTRY_KEY = "entry"  # key of a dict that stands in place of such a list, with the entry's name
+_TIME_STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of all entries, the same for equal bytes
+_TIME_TOLERANCE = 1e-9  # s, by which equal times may differ
 _SECONDS = Number(Interval("[0, 1e6]"))
-_ARRAYS = (
+_ARRAY_NAMES = (
     "breaks",
     "chart_attitude",
     "chart_start",
@@ -52,41 +52,41 @@ _ARRAYS = (
     "joint_coefficients",
     "node_times",
 )
-_STATUS = Choice(tuple(Status.__members__), Status.__members__)
+_STATUS_KIND = Choice(tuple(Status.__members__), Status.__members__)
 
 
-def _as_read(parts: dict[str, Any], place: Place) -> dict[str, Any]:
+def _keep_dict(parts: dict[str, Any], place: Place) -> dict[str, Any]:
     """Return the values read from a table as a dict by key; used where a table makes no object."""
     return parts
 
 
-_SEGMENT = record_table(
+_SEGMENT_TABLE = record_table(
     dict,
-    _as_read,
+    _keep_dict,
     name=Text(),
     kind=Choice(("slew", "track", "attitude", "idle")),
     start=_SECONDS,
     end=_SECONDS,
 )
-_ACTIVITY = record_table(
+_ACTIVITY_TABLE = record_table(
     dict,
-    _as_read,
+    _keep_dict,
     name=Name("activity"),
     kind=Choice(("track", "point", "attitude", "idle")),
-    status=_STATUS,
+    status=_STATUS_KIND,
     message=Text(empty=True),
     start=Nullable(_SECONDS),
     end=Nullable(_SECONDS),
     slew=Nullable(_SECONDS),
     pointing_error=Nullable(Number(Interval("[0, inf)"), words={"inf": math.inf})),
 )
-_PLAN = record_table(
+_PLAN_TABLE = record_table(
     dict,
-    _as_read,
-    status=_STATUS,
+    _keep_dict,
+    status=_STATUS_KIND,
     message=Text(empty=True),
-    activities=Several(_ACTIVITY),
-    segments=Several(_SEGMENT),
+    activities=Several(_ACTIVITY_TABLE),
+    segments=Several(_SEGMENT_TABLE),
     trajectory=Nullable(trajectory_table("timeline", "tracking", "global")),
     certificate=Nullable(CERTIFICATE),
 )
@@ -108,7 +108,7 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     content = {
         "schema_version": SCHEMA_VERSION,
         "kind": KIND,
-        "timeline": _packed(timeline_to_dict(plan.timeline), "timeline", arrays),
+        "timeline": _pack_arrays(timeline_to_dict(plan.timeline), "timeline", arrays),
         "status": plan.status.name,
         "message": plan.message,
         "activities": [plain(one) for one in plan.activities],
@@ -121,30 +121,30 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
             one["pointing_error"] = "inf"
     if plan.trajectory is not None:
         own = plain(plan.trajectory)
-        for name in _ARRAYS:
+        for name in _ARRAY_NAMES:
             arrays[f"trajectory.{name}"] = np.asarray(getattr(plan.trajectory, name), float)
-            own[name] = {_ENTRY: f"trajectory.{name}"}
+            own[name] = {_ENTRY_KEY: f"trajectory.{name}"}
         content["trajectory"] = own
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     with replacing_file(target) as file, zipfile.ZipFile(file, "w") as archive:
-        _add(archive, _CONTENT, text.encode())
+        _add_entry(archive, _CONTENT_ENTRY, text.encode())
         for name, array in arrays.items():
-            _add(archive, f"{name}.npy", _bytes(array))
+            _add_entry(archive, f"{name}.npy", _npy_bytes(array))
 
 
-def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
+def _pack_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
     """Return tables with each long list of numbers replaced by the name of an entry.
 
     The lists themselves are put into `arrays` by that name, which begins with `name`.
     """
     if isinstance(value, dict):
-        return {key: _packed(inner, f"{name}.{key}", arrays) for key, inner in value.items()}
+        return {key: _pack_arrays(inner, f"{name}.{key}", arrays) for key, inner in value.items()}
     if not isinstance(value, list):
         return value
-    if len(value) >= _LONG and _is_array(value):
+    if len(value) >= _MIN_ENTRY_LENGTH and _is_array(value):
         arrays[name] = np.array(value)
-        return {_ENTRY: name}
-    return [_packed(inner, f"{name}.{number}", arrays) for number, inner in enumerate(value)]
+        return {_ENTRY_KEY: name}
+    return [_pack_arrays(inner, f"{name}.{number}", arrays) for number, inner in enumerate(value)]
 
 
 def _is_array(rows: list[Any]) -> bool:
@@ -157,16 +157,16 @@ def _is_array(rows: list[Any]) -> bool:
     )
 
 
-def _bytes(array: np.ndarray) -> bytes:
+def _npy_bytes(array: np.ndarray) -> bytes:
     """Return an array as the bytes of an ``.npy`` file."""
     file = io.BytesIO()
     np.lib.format.write_array(file, np.ascontiguousarray(array, "<f8"), version=(1, 0), allow_pickle=False)
     return file.getvalue()
 
 
-def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+def _add_entry(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     """Add an entry without time and system of its creation, so that equal plans give equal bytes."""
-    entry = zipfile.ZipInfo(name, _MADE)
+    entry = zipfile.ZipInfo(name, _TIME_STAMP)
     entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
     archive.writestr(entry, content)
 
@@ -186,12 +186,12 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
     source = file_path("path", path)
     try:
         with zipfile.ZipFile(source) as archive:
-            entries = _entries(archive)
-        content = json.loads(entries.pop(_CONTENT).decode(), parse_constant=_refuse)
+            entries = _read_entries(archive)
+        content = json.loads(entries.pop(_CONTENT_ENTRY).decode(), parse_constant=_refuse_constant)
         if not isinstance(content, dict) or content.get("kind") != KIND:
-            raise ValueError(f"its {_CONTENT} has no kind = {KIND!r}")
-        arrays = {name.removesuffix(".npy"): _array(name, entry) for name, entry in entries.items()}
-        return _parts(_unpacked(content, arrays))
+            raise ValueError(f"its {_CONTENT_ENTRY} has no kind = {KIND!r}")
+        arrays = {name.removesuffix(".npy"): _parse_npy(name, entry) for name, entry in entries.items()}
+        return _parse_plan(_unpack_arrays(content, arrays))
     except ScenarioError as error:
         raise PlanFileError(str(ScenarioError(error.faults, os.fspath(path)))) from error
     except OSError as error:
@@ -212,27 +212,27 @@ def is_plan(path: str | os.PathLike[str]) -> bool:
     """Whether a file is an archive with the entry of a timeline's plan; its content is not checked."""
     try:
         with zipfile.ZipFile(Path(path)) as archive:
-            return _CONTENT in archive.namelist()
+            return _CONTENT_ENTRY in archive.namelist()
     except (OSError, zipfile.BadZipFile):
         return False
 
 
-def _refuse(word: str) -> float:
+def _refuse_constant(word: str) -> float:
     raise ValueError(f"{word} is not allowed")
 
 
-def _entries(archive: zipfile.ZipFile) -> dict[str, bytes]:
+def _read_entries(archive: zipfile.ZipFile) -> dict[str, bytes]:
     """Return the bytes of all entries of an archive, by name; raises ValueError if they are too large."""
     listed = archive.infolist()
     if sum(entry.file_size for entry in listed) > LARGEST:
         raise ValueError(f"unpacked it is larger than {LARGEST >> 20} MiB")
     names = [entry.filename for entry in listed]
-    if len(set(names)) < len(names) or _CONTENT not in names:
-        raise ValueError(f"it needs one {_CONTENT}, and no entry twice")
+    if len(set(names)) < len(names) or _CONTENT_ENTRY not in names:
+        raise ValueError(f"it needs one {_CONTENT_ENTRY}, and no entry twice")
     return {entry.filename: archive.read(entry) for entry in listed}
 
 
-def _array(name: str, content: bytes) -> np.ndarray:
+def _parse_npy(name: str, content: bytes) -> np.ndarray:
     """Return the array of an ``.npy`` entry; raises ValueError if it is not one of float64."""
     file = io.BytesIO(content)
     try:
@@ -244,18 +244,18 @@ def _array(name: str, content: bytes) -> np.ndarray:
     return array
 
 
-def _unpacked(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+def _unpack_arrays(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
     """Return tables with names of entries replaced by their lists of numbers; KeyError if one is missing."""
     if isinstance(value, dict):
-        if value.keys() == {_ENTRY}:
-            if value[_ENTRY] not in arrays:
-                raise KeyError(f"no entry {value[_ENTRY]}.npy")
-            return arrays[value[_ENTRY]].tolist()
-        return {key: _unpacked(inner, arrays) for key, inner in value.items()}
-    return [_unpacked(inner, arrays) for inner in value] if isinstance(value, list) else value
+        if value.keys() == {_ENTRY_KEY}:
+            if value[_ENTRY_KEY] not in arrays:
+                raise KeyError(f"no entry {value[_ENTRY_KEY]}.npy")
+            return arrays[value[_ENTRY_KEY]].tolist()
+        return {key: _unpack_arrays(inner, arrays) for key, inner in value.items()}
+    return [_unpack_arrays(inner, arrays) for inner in value] if isinstance(value, list) else value
 
 
-def _parts(content: dict[str, Any]) -> dict[str, Any]:
+def _parse_plan(content: dict[str, Any]) -> dict[str, Any]:
     """Return a plan's attributes, by name, from a file's content; raises ScenarioError with all faults.
 
     `content` is emptied of version, kind and timeline.
@@ -279,7 +279,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
     }
     root = Place(Reading(names, {"joint": scene.spacecraft.joint_count}))
     del content["kind"]
-    read: dict[str, Any] = _PLAN.read(content, root)
+    read: dict[str, Any] = _PLAN_TABLE.read(content, root)
     if not root.reading.faults:
         _check_agreement(read, timeline, root)
     if root.reading.faults:
@@ -313,7 +313,7 @@ def _check_agreement(read: Mapping[str, Any], timeline: Timeline, root: Place) -
         root["status"].fault(complaint, read["status"].name)
     _check_segments(read["segments"], trajectory, root["segments"])
     for number, one in enumerate(read["activities"]):
-        _check_done(one, read["segments"], root["activities"][number])
+        _check_activity_times(one, read["segments"], root["activities"][number])
 
 
 def _check_segments(segments: Any, trajectory: Trajectory | None, place: Place) -> None:
@@ -335,17 +335,19 @@ def _check_segments(segments: Any, trajectory: Trajectory | None, place: Place) 
                 place.fault(f"must begin at {name} of the trajectory")
 
 
-def _check_done(one: Mapping[str, Any], segments: Any, place: Place) -> None:
+def _check_activity_times(one: Mapping[str, Any], segments: Any, place: Place) -> None:
     """Note a fault if an activity's times are missing or reversed, or no segment covers them."""
     start, end = one["start"], one["end"]
     if one["status"] is Status.OK and (start is None or end is None):
         place["start"].fault("must be a number, as the end must, of what is planned", start)
     if start is None or end is None:
         return
-    if not start <= end + _ROUNDING:
+    if not start <= end + _TIME_TOLERANCE:
         place["end"].fault(f"must not be before its start, {start:.10g}", end)
-    if end - start <= _ROUNDING or one["kind"] == "point":
+    if end - start <= _TIME_TOLERANCE or one["kind"] == "point":
         return
     own = [seg for seg in segments if seg["name"] == one["name"] and seg["kind"] == one["kind"]]
-    if not any(seg["start"] <= start + _ROUNDING and seg["end"] >= end - _ROUNDING for seg in own):
+    if not any(
+        seg["start"] <= start + _TIME_TOLERANCE and seg["end"] >= end - _TIME_TOLERANCE for seg in own
+    ):
         place["name"].fault("has no segment over its time", one["name"])

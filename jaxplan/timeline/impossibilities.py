@@ -18,7 +18,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.timeline import Activity, Timeline
 from jaxplan.planner.validity import breaches
 
-_SAME = 1e-9  # s, by which rounding may let a target be hidden too soon
+_TIME_TOLERANCE = 1e-9  # s, by which rounding may let a target be hidden too soon
 
 
 def foreseen(timeline: Timeline) -> tuple[str, ...]:
@@ -31,15 +31,15 @@ def foreseen(timeline: Timeline) -> tuple[str, ...]:
         A phrase for each, which begins with the name of its activity; empty if nothing is certainly
         impossible.
     """
-    still = _standing_still(timeline.scene)
+    still = _drop_moving_zones(timeline.scene)
     return tuple(
         f"{activity.name}: {phrase}"
         for activity in timeline.activities
-        for phrase in _of_one(activity, still, timeline.until)
+        for phrase in _activity_impossibilities(activity, still, timeline.until)
     )
 
 
-def _standing_still(scene: Scenario) -> Scenario:
+def _drop_moving_zones(scene: Scenario) -> Scenario:
     """Return the scene without moving zones and without groups that have a moving one."""
     groups = {zone.any_of for zone in scene.zones if zone.moves} - {None}
     kept: dict[str, Any] = {
@@ -49,7 +49,7 @@ def _standing_still(scene: Scenario) -> Scenario:
     return replace(scene, **kept)
 
 
-def _of_one(activity: Activity, scene: Scenario, until: float | None) -> Iterator[str]:
+def _activity_impossibilities(activity: Activity, scene: Scenario, until: float | None) -> Iterator[str]:
     """Yield a phrase for each thing that an activity asks for in vain.
 
     `scene` has only zones that stand still; `until` is the end of the timeline, s, or None.
@@ -64,10 +64,12 @@ def _of_one(activity: Activity, scene: Scenario, until: float | None) -> Iterato
         yield from () if own is None else (own,)
     latest = until if activity.latest is None else activity.latest
     if latest is not None:
-        yield from _never_seen(activity, activity.targets, scene, latest)
+        yield from _never_seen_phrases(activity, activity.targets, scene, latest)
 
 
-def _never_seen(activity: Activity, targets: Targets, scene: Scenario, latest: float) -> Iterator[str]:
+def _never_seen_phrases(
+    activity: Activity, targets: Targets, scene: Scenario, latest: float
+) -> Iterator[str]:
     """Yield a phrase for each target that is not seen for long enough by `latest`, s.
 
     If each of them is, but not all together, yield one phrase that says so.
@@ -77,16 +79,16 @@ def _never_seen(activity: Activity, targets: Targets, scene: Scenario, latest: f
     how_long = "up to the end of" if lasts is None else f"for {lasts:g} s within" if lasts else "within"
     window = f"{how_long} its time, from {opens:.10g} s to {latest:.10g} s"
     pairs = list(zip(targets.names(scene.spacecraft), targets.paths, strict=True))
-    alone = [(name, path) for name, path in pairs if not _seen(path.hidden, opens, lasts, latest)]
+    alone = [(name, path) for name, path in pairs if not _has_visible_span(path.hidden, opens, lasts, latest)]
     for name, path in alone:
         by = " and ".join(dict.fromkeys(span.by for span in path.hidden if span.end > opens))
         yield f"{path.target}, the target of {name}, is not seen {window}: it is hidden by {by}"
     together = [span for _, path in pairs for span in path.hidden]
-    if not alone and not _seen(together, opens, lasts, latest):
+    if not alone and not _has_visible_span(together, opens, lasts, latest):
         yield f"its targets are not all seen together {window}"
 
 
-def _seen(spans: Sequence[Hidden], opens: float, lasts: float | None, latest: float) -> bool:
+def _has_visible_span(spans: Sequence[Hidden], opens: float, lasts: float | None, latest: float) -> bool:
     """Whether there is a time from `opens` to `latest`, s, that is free of all hidden spans for long enough.
 
     `lasts` is how long, s; None if the time must go on until `latest`, and may then begin at any time before.
@@ -95,9 +97,9 @@ def _seen(spans: Sequence[Hidden], opens: float, lasts: float | None, latest: fl
     while True:
         begin = after_hidden(spans, time)
         end = latest if lasts is None else begin + lasts
-        if end > latest + _SAME or (lasts is None and not begin < latest):
+        if end > latest + _TIME_TOLERANCE or (lasts is None and not begin < latest):
             return False
-        inside = [span.end for span in spans if begin < span.start < end - _SAME]
+        inside = [span.end for span in spans if begin < span.start < end - _TIME_TOLERANCE]
         if not inside:
             return True
         time = max(inside)

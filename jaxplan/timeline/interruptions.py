@@ -20,8 +20,8 @@ from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory import Trajectory
 
-_STEP = 0.25  # s, most time between samples of how far a device is off its target
-_EACH = 65  # least number of such samples in an interruption
+_SAMPLE_STEP = 0.25  # s, most time between samples of how far a device is off its target
+_MIN_SAMPLES = 65  # least number of such samples in an interruption
 
 
 @shown("device", "before", "after", "start s", "end s", "off deg")
@@ -66,10 +66,12 @@ def interruptions(
         order of time and then of the targets of the activity before. If another activity lies between, there
         is none.
     """
-    return tuple(_found(timeline, segments, trajectory))
+    return tuple(_find_interruptions(timeline, segments, trajectory))
 
 
-def _found(timeline: Timeline, segments: Sequence[Segment], trajectory: Trajectory) -> Iterator[Interruption]:
+def _find_interruptions(
+    timeline: Timeline, segments: Sequence[Segment], trajectory: Trajectory
+) -> Iterator[Interruption]:
     """Yield the interruptions; arguments as of `interruptions`."""
     craft = timeline.scene.spacecraft
     asked = {one.name: one.track for one in timeline.activities}
@@ -91,15 +93,15 @@ def _found(timeline: Timeline, segments: Sequence[Segment], trajectory: Trajecto
                     after=after.name,
                     start=before.end,
                     end=after.start,
-                    off=_off(craft, device, as_path(path), trajectory, before.end, after.start),
+                    off=_max_offset(craft, device, as_path(path), trajectory, before.end, after.start),
                 )
 
 
-def _off(
+def _max_offset(
     craft: Spacecraft, device: str, path: DirectionPath, trajectory: Trajectory, start: float, end: float
 ) -> float:
     """Return the largest angle, rad, between a device and its target at samples from `start` to `end`, s."""
-    times = np.linspace(start, end, max(_EACH, 1 + int(np.ceil((end - start) / _STEP))))
+    times = np.linspace(start, end, max(_MIN_SAMPLES, 1 + int(np.ceil((end - start) / _SAMPLE_STEP))))
     at = trajectory.sample(np.clip(times, 0.0, trajectory.duration))
     beams = np.asarray(craft.boresights(at.attitude, at.joints))[:, craft.device_names.index(device)]
     return float(np.max(separation(beams, np.asarray(path.at(times)))))

@@ -31,24 +31,24 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.timeline.elastic_qp import priced_step
 from jaxplan.timeline.pursuit import Pursuit
 
-_STEPS = 12  # most steps; some four are usual
-_OPTIMAL_STEPS = 60  # likewise where the optimum is asked for
-_SETTLED = 5e-3  # fraction of the energy; a step that gains no more is the last
-_STILL = 1e-6  # rad; so is one that changes nothing by more
-_POLISH, _LEAST = 60, 1e-12  # most further steps to the optimum, and rad, the size of the last
-_DIFFERENCE = 1e-6  # rad, step of finite differences
-_TRUST = 0.5  # rad, most by which a step moves any device
-_NEAR = 1.2  # rad; constraints with larger margins do not matter to a step
-_HARD = np.deg2rad(0.05)  # rad, room that nodes keep to constraints and ends of ranges, for what is between
-_ROOM = np.deg2rad(1.0)  # rad, room that they keep where it costs little, for slews at both ends
-_SHARE = 0.9  # fraction of limits of rate that nodes may use
-_PRICE = 1e3  # 1/rad, price of what a node lacks of the room `_HARD`, beside the energy
-_CHEAP = 1.0  # 1/rad, price of what it lacks of the room `_ROOM`
-_WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
-_LEAST_RATE = 1e-3  # least rate weight in that product
-_AT = 3e-9  # rad, within which a node counts as keeping just some room
-_DRAWN = 2  # number of last nodes that are drawn ahead, so that the motion has slowed down when it is there
-_TIE = 1e-9  # weight on the size of a step, so that what costs nothing does not change
+_MAX_STEPS = 12  # most steps; some four are usual
+_MAX_OPTIMAL_STEPS = 60  # likewise where the optimum is asked for
+_GAIN_TOLERANCE = 5e-3  # fraction of the energy; a step that gains no more is the last
+_STEP_TOLERANCE = 1e-6  # rad; so is one that changes nothing by more
+_MAX_POLISH_STEPS, _POLISH_TOLERANCE = 60, 1e-12  # most further steps, and rad, size of the last
+_DIFFERENCE_STEP = 1e-6  # rad, step of finite differences
+_TRUST_RADIUS = 0.5  # rad, most by which a step moves any device
+_RELEVANT_MARGIN = 1.2  # rad; constraints with larger margins do not matter to a step
+_HARD_ROOM = np.deg2rad(0.05)  # rad, room of nodes to constraints and ends of ranges, for what is between
+_SOFT_ROOM = np.deg2rad(1.0)  # rad, room that they keep where it costs little, for slews at both ends
+_RATE_SHARE = 0.9  # fraction of limits of rate that nodes may use
+_HARD_PRICE = 1e3  # 1/rad, price of what a node lacks of the room `_HARD_ROOM`, beside the energy
+_SOFT_PRICE = 1.0  # 1/rad, price of what it lacks of the room `_SOFT_ROOM`
+_WISH_WEIGHT = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
+_MIN_RATE_WEIGHT = 1e-3  # least rate weight in that product
+_ROOM_TOLERANCE = 3e-9  # rad, within which a node counts as keeping just some room
+_DRAWN_NODES = 2  # last nodes that are drawn ahead, so that the motion has slowed down when it is there
+_REGULARIZATION = 1e-9  # weight on the size of a step, so that what costs nothing does not change
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,50 +140,53 @@ class LeastMotion:
         nodes = self.first(times, attitudes, rest)
         price = self.price(nodes)
         optimal = self.wanted.optimal
-        for _ in range(_OPTIMAL_STEPS if optimal else _STEPS):
-            step = self._step(nodes)
+        for _ in range(_MAX_OPTIMAL_STEPS if optimal else _MAX_STEPS):
+            step = self._solve_step(nodes)
             for share in (1.0, 0.5, 0.25, 0.1):
-                tried = self._moved(nodes, share * step)
+                tried = self._apply_step(nodes, share * step)
                 found = self.price(tried)
                 if found <= price:
                     break
             else:
                 break
             gained, nodes, price = price - found, tried, found
-            settled = not optimal and gained <= _SETTLED * price
-            if settled or np.max(np.abs(share * step), initial=0.0) <= _STILL:
+            settled = not optimal and gained <= _GAIN_TOLERANCE * price
+            if settled or np.max(np.abs(share * step), initial=0.0) <= _STEP_TOLERANCE:
                 break
-        return self._polished(nodes) if optimal else nodes
+        return self._polish(nodes) if optimal else nodes
 
-    def _polished(self, nodes: Nodes) -> Nodes:
+    def _polish(self, nodes: Nodes) -> Nodes:
         """Take whole steps for as long as they get shorter, to more digits than the price can tell."""
         last = np.inf
-        for _ in range(_POLISH):
-            step = self._step(nodes)
+        for _ in range(_MAX_POLISH_STEPS):
+            step = self._solve_step(nodes)
             size = float(np.max(np.abs(step), initial=0.0))
             if not size < last:
                 break
-            nodes, last = self._moved(nodes, step), size
-            if size <= _LEAST:
+            nodes, last = self._apply_step(nodes, step), size
+            if size <= _POLISH_TOLERANCE:
                 break
         return nodes
 
     def first(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
         """Return the nodes of a first guess, changed so that targets are met; arguments as of `solve`."""
-        return self._nodes(times, attitudes, np.broadcast_to(rest, (len(times), np.shape(rest)[-1])))
+        return self._meet_targets(times, attitudes, np.broadcast_to(rest, (len(times), np.shape(rest)[-1])))
 
     def broken(self, nodes: Nodes) -> np.ndarray:
         """How far each node (K + 1,) violates its worst range or constraint, rad; zero if it keeps all."""
-        return np.maximum(0, np.max(-self._left(nodes), axis=1, initial=0.0))
+        return np.maximum(0, np.max(-self._room(nodes), axis=1, initial=0.0))
 
     def depth(self, nodes: Nodes) -> float:
         """How far the worst node violates its worst range or constraint, rad; negative if all are kept."""
-        return float(np.max(-self._left(nodes), initial=-np.inf))
+        return float(np.max(-self._room(nodes), initial=-np.inf))
 
     def leaning(self, nodes: Nodes) -> Leaning:
         """Find the ranges, constraints and rates of which the given nodes keep just some room."""
-        left = self._left(nodes)
-        levels = [(np.argwhere(np.abs(left - level) <= _AT), level) for level in (_HARD, _ROOM)]
+        left = self._room(nodes)
+        levels = [
+            (np.argwhere(np.abs(left - level) <= _ROOM_TOLERANCE), level)
+            for level in (_HARD_ROOM, _SOFT_ROOM)
+        ]
         rows = np.concatenate([found for found, _ in levels])
         turned = self._turns(nodes)
         length = np.linalg.norm(turned, axis=1, keepdims=True)
@@ -193,24 +196,25 @@ class LeastMotion:
             node=rows[:, 0],
             row=rows[:, 1],
             room=np.concatenate([np.full(len(found), level) for found, level in levels]),
-            price=_CHEAP * (left < _ROOM - _AT) + _PRICE * (left < _HARD - _AT),
-            rate=np.argwhere(np.abs(spare) <= _AT),
-            too_fast=bool(np.any(spare < -_AT)),
+            price=_SOFT_PRICE * (left < _SOFT_ROOM - _ROOM_TOLERANCE)
+            + _HARD_PRICE * (left < _HARD_ROOM - _ROOM_TOLERANCE),
+            rate=np.argwhere(np.abs(spare) <= _ROOM_TOLERANCE),
+            too_fast=bool(np.any(spare < -_ROOM_TOLERANCE)),
         )
 
-    def _nodes(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
+    def _meet_targets(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
         """Return nodes whose attitudes, near given ones, allow to meet targets, with the joints for that."""
         met = self.pursuit.meeting(attitudes, times)
         joints = self.pursuit.unwrapped(self.pursuit.joints(met, times, rest))
         return Nodes(times=times, attitudes=met, joints=joints)
 
-    def _moved(self, nodes: Nodes, step: np.ndarray) -> Nodes:
+    def _apply_step(self, nodes: Nodes, step: np.ndarray) -> Nodes:
         """Return nodes after a step (K + 1, 3 + f) rad: body-axis turns, and changes of free joints."""
         rest = nodes.joints.copy()
         rest[:, self.free] += step[:, 3:]
-        return self._nodes(nodes.times, nodes.attitudes @ so3.exp(step[:, :3]), rest)
+        return self._meet_targets(nodes.times, nodes.attitudes @ so3.exp(step[:, :3]), rest)
 
-    def _left(self, nodes: Nodes) -> np.ndarray:
+    def _room(self, nodes: Nodes) -> np.ndarray:
         """Room (K + 1, c), rad, to low ends of ranges, high ends and constraints; negative where violated."""
         low, high = self.pursuit.craft.joint_ranges.T
         margins = self.pursuit.margins(nodes.attitudes, nodes.joints, nodes.times)
@@ -219,12 +223,12 @@ class LeastMotion:
     def price(self, nodes: Nodes) -> float:
         """Energy of nodes, plus the price of what they violate and of too little room."""
         residual = self._residuals(nodes)
-        left = self._left(nodes)
-        broken = np.sum(np.maximum(0, _HARD - left)) + np.sum(np.maximum(0, self._overruns(nodes)))
-        narrow = np.sum(np.maximum(0, _ROOM - left))
-        return float(residual @ residual / 2 + _PRICE * broken + _CHEAP * narrow)
+        left = self._room(nodes)
+        broken = np.sum(np.maximum(0, _HARD_ROOM - left)) + np.sum(np.maximum(0, self._rate_excesses(nodes)))
+        narrow = np.sum(np.maximum(0, _SOFT_ROOM - left))
+        return float(residual @ residual / 2 + _HARD_PRICE * broken + _SOFT_PRICE * narrow)
 
-    def _overruns(self, nodes: Nodes) -> np.ndarray:
+    def _rate_excesses(self, nodes: Nodes) -> np.ndarray:
         """Angles between nodes less those that rate limits allow, rad: of joints, then of the platform."""
         craft, step = self.pursuit.craft, nodes.times[1] - nodes.times[0]
         joints = np.abs(np.diff(nodes.joints, axis=0)) - step * craft.joint_rate_limits
@@ -237,18 +241,16 @@ class LeastMotion:
         relative = np.swapaxes(nodes.attitudes[:-1], 1, 2) @ nodes.attitudes[1:]
         return np.asarray(so3.log(relative))
 
-    def _slopes(self, nodes: Nodes) -> np.ndarray:
+    def _joint_slopes(self, nodes: Nodes) -> np.ndarray:
         """Derivatives (K + 1, J, 3 + f) of joints by turns and free joints, while targets stay met."""
         slopes = np.zeros((*nodes.joints.shape, 3 + len(self.free)))
         for axis in range(3):
-            turn = _DIFFERENCE * np.eye(3)[axis]
+            turn = _DIFFERENCE_STEP * np.eye(3)[axis]
             after = self.pursuit.joints(nodes.attitudes @ so3.exp(turn), nodes.times, nodes.joints)
-            before, wide = nodes.joints, _DIFFERENCE
-            if (
-                self.wanted.optimal
-            ):  # differences to one side are off by as much as nodes are then to be known
+            before, wide = nodes.joints, _DIFFERENCE_STEP
+            if self.wanted.optimal:  # one-sided differences would be off by too much
                 before = self.pursuit.joints(nodes.attitudes @ so3.exp(-turn), nodes.times, nodes.joints)
-                wide = 2 * _DIFFERENCE
+                wide = 2 * _DIFFERENCE_STEP
             change = after - before
             slopes[..., axis] = (change - 2 * np.pi * np.round(change / (2 * np.pi))) / wide
         slopes[:, self.free, 3 + np.arange(len(self.free))] = 1.0
@@ -256,21 +258,21 @@ class LeastMotion:
 
     def _residuals(self, nodes: Nodes) -> np.ndarray:
         """Residuals (r,), half whose square is the energy: rates, accelerations, first node, last, wishes."""
-        by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
+        by_rate, by_acceleration, by_way, by_ahead, by_wish = self._root_weights(nodes)
         change = np.concatenate([self._turns(nodes), np.diff(nodes.joints, axis=0)], axis=1)
         found = [by_rate * change.ravel(), by_acceleration * np.diff(change, axis=0).ravel()]
         if self.wanted.attitude is not None:
             away = so3.log(self.wanted.attitude.T @ nodes.attitudes[0])
             found.append(by_way * np.concatenate([away, nodes.joints[0] - self.wanted.joints]))
         if self.wanted.ahead is not None:
-            found.append(by_ahead * so3.log(self.wanted.ahead.T @ nodes.attitudes[-_DRAWN:]).ravel())
-        found += [by_wish * self._misses(nodes, *wish).ravel() for wish in self.wanted.wishes]
+            found.append(by_ahead * so3.log(self.wanted.ahead.T @ nodes.attitudes[-_DRAWN_NODES:]).ravel())
+        found += [by_wish * self._wish_misses(nodes, *wish).ravel() for wish in self.wanted.wishes]
         return np.concatenate(found)
 
-    def _rows(self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-        """Derivatives (r, K + 1, 3 + f) of the residuals; `slopes` and `ahead` are of `_slopes`, `_ahead`."""
+    def _residual_slopes(self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+        """Derivatives (r, K + 1, 3 + f) of the residuals, from `_joint_slopes` and `_change_slopes`."""
         count, size = len(nodes.times), slopes.shape[2]
-        by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
+        by_rate, by_acceleration, by_way, by_ahead, by_wish = self._root_weights(nodes)
         found = [by_rate * ahead, by_acceleration * np.diff(ahead, axis=0)]
         if self.wanted.attitude is not None:
             row = np.zeros((3 + nodes.joints.shape[1], count, size))
@@ -278,31 +280,31 @@ class LeastMotion:
             row[3:, 0] = slopes[0]
             found.append(by_way * row)
         if self.wanted.ahead is not None:
-            row = np.zeros((_DRAWN, 3, count, size))
-            last = np.arange(_DRAWN)
-            row[last, :, last - _DRAWN, :3] = np.eye(3)
+            row = np.zeros((_DRAWN_NODES, 3, count, size))
+            last = np.arange(_DRAWN_NODES)
+            row[last, :, last - _DRAWN_NODES, :3] = np.eye(3)
             found.append(by_ahead * row)
         every = np.arange(count)
         for wish in self.wanted.wishes:
             row = np.zeros((count, 3, count, size))
-            row[every, :, every] = self._miss_slopes(nodes, *wish)
+            row[every, :, every] = self._wish_miss_slopes(nodes, *wish)
             found.append(by_wish * row)
         return np.concatenate([own.reshape(-1, count, size) for own in found])
 
-    def _weights(self, nodes: Nodes) -> tuple[float, float, float, float, float]:
+    def _root_weights(self, nodes: Nodes) -> tuple[float, float, float, float, float]:
         """Square roots of the weights of rates, accelerations, first node, last nodes, and wishes."""
         step, (rate, acceleration) = nodes.times[1] - nodes.times[0], self.wanted.weights
         each = (
             rate / step,
             acceleration / step**3,
             rate / self.wanted.slew_time,
-            max(rate, _LEAST_RATE) / self.wanted.ahead_time,
+            max(rate, _MIN_RATE_WEIGHT) / self.wanted.ahead_time,
             float(wish_weight(rate, step)),
         )
         return tuple(np.sqrt(each).tolist())
 
-    def _ahead(self, nodes: Nodes, slopes: np.ndarray) -> np.ndarray:
-        """Derivatives (K, 3 + J, K + 1, 3 + f) of changes from node to node; `slopes` as of `_slopes`."""
+    def _change_slopes(self, nodes: Nodes, slopes: np.ndarray) -> np.ndarray:
+        """Derivatives (K, 3 + J, K + 1, 3 + f) of changes between nodes; `slopes` as of `_joint_slopes`."""
         count, size = len(nodes.times), slopes.shape[2]
         found = np.zeros((count - 1, 3 + nodes.joints.shape[1], count, size))
         every = np.arange(count - 1)
@@ -315,27 +317,27 @@ class LeastMotion:
         found[every, 3:, every] = -slopes[:-1]
         return found
 
-    def _misses(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
+    def _wish_misses(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
         """How far a device's beam is off a direction in body axes, ``u - R^T e``, (K + 1, 3)."""
-        return self._beam(nodes.joints, device) - self._wished(nodes, path)
+        return self._beams_in_body(nodes.joints, device) - self._direction_in_body(nodes, path)
 
-    def _miss_slopes(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
-        """Derivatives (K + 1, 3, 3 + f) of `_misses` by turns and free joints."""
-        seen = self._beam(nodes.joints, device)
+    def _wish_miss_slopes(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
+        """Derivatives (K + 1, 3, 3 + f) of `_wish_misses` by turns and free joints."""
+        seen = self._beams_in_body(nodes.joints, device)
         slope = np.zeros((len(seen), 3, 3 + len(self.free)))
-        slope[:, :, :3] = -so3.hat(self._wished(nodes, path))  # R^T e after a turn z: s + s x z
+        slope[:, :, :3] = -so3.hat(self._direction_in_body(nodes, path))  # R^T e after a turn z: s + s x z
         for place, joint in enumerate(self.free):
             moved = nodes.joints.copy()
-            moved[:, joint] += _DIFFERENCE
-            slope[:, :, 3 + place] = (self._beam(moved, device) - seen) / _DIFFERENCE
+            moved[:, joint] += _DIFFERENCE_STEP
+            slope[:, :, 3 + place] = (self._beams_in_body(moved, device) - seen) / _DIFFERENCE_STEP
         return slope
 
     @staticmethod
-    def _wished(nodes: Nodes, path: DirectionPath) -> np.ndarray:
+    def _direction_in_body(nodes: Nodes, path: DirectionPath) -> np.ndarray:
         """A direction at the nodes, (K + 1, 3) unit vectors in body axes."""
         return (np.asarray(as_path(path).at(nodes.times))[:, None] @ nodes.attitudes)[:, 0]
 
-    def _beam(self, joints: np.ndarray, device: int) -> np.ndarray:
+    def _beams_in_body(self, joints: np.ndarray, device: int) -> np.ndarray:
         """Boresights of a device at joints (K + 1, J), (K + 1, 3) unit vectors in body axes."""
         gimbals = self.pursuit.craft.gimbals
         if device >= gimbals.count:
@@ -343,24 +345,24 @@ class LeastMotion:
             return np.broadcast_to(fixed, (len(joints), 3))
         return np.asarray(gimbals.boresights(joints))[:, device]
 
-    def _step(self, nodes: Nodes) -> np.ndarray:
+    def _solve_step(self, nodes: Nodes) -> np.ndarray:
         """The step (K + 1, 3 + f), rad, of least energy to first order that keeps what can be kept."""
-        slopes = self._slopes(nodes)
-        ahead = self._ahead(nodes, slopes)
-        residual, rows = self._residuals(nodes), self._rows(nodes, slopes, ahead)
-        basis = self._basis(nodes, slopes.shape[2])  # (K + 1, 3 + f, y)
+        slopes = self._joint_slopes(nodes)
+        ahead = self._change_slopes(nodes, slopes)
+        residual, rows = self._residuals(nodes), self._residual_slopes(nodes, slopes, ahead)
+        basis = self._null_space_basis(nodes, slopes.shape[2])  # (K + 1, 3 + f, y)
         reduced = np.einsum("rkd,kdy->rky", rows, basis)
         reduced = reduced.reshape(len(residual), basis.shape[0] * basis.shape[2])
-        hessian = reduced.T @ reduced + _TIE * np.eye(reduced.shape[1])
+        hessian = reduced.T @ reduced + _REGULARIZATION * np.eye(reduced.shape[1])
         pull = reduced.T @ residual
         if not len(pull):
             return np.zeros((len(nodes.times), slopes.shape[2]))
-        found = priced_step(hessian, pull, *self._bounds(nodes, slopes, ahead, basis))
+        found = priced_step(hessian, pull, *self._step_constraints(nodes, slopes, ahead, basis))
         step = np.einsum("kdy,ky->kd", basis, found.reshape(basis.shape[0], basis.shape[2]))
         moved = np.linalg.norm(step[:, :3], axis=1) + np.max(np.abs(step[:, 3:]), axis=1, initial=0.0)
-        return np.asarray(step * min(1.0, _TRUST / max(float(np.max(moved)), 1e-300)))
+        return np.asarray(step * min(1.0, _TRUST_RADIUS / max(float(np.max(moved)), 1e-300)))
 
-    def _basis(self, nodes: Nodes, size: int) -> np.ndarray:
+    def _null_space_basis(self, nodes: Nodes, size: int) -> np.ndarray:
         """Basis (K + 1, 3 + f, y) of steps that keep targets met: orthonormal, zero for held nodes."""
         count = len(nodes.times)
         if not self.pursuit.equations:
@@ -376,7 +378,7 @@ class LeastMotion:
         basis[: self.wanted.held] = 0.0
         return basis
 
-    def _bounds(
+    def _step_constraints(
         self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray, basis: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return ``B x + s >= 0`` that a step ``x`` in the basis shall keep, and the price of each row.
@@ -384,28 +386,28 @@ class LeastMotion:
         B is (b, (K + 1) y), s (b,) rad, and prices are (b,) 1/rad.
         """
         count, size = len(nodes.times), slopes.shape[2]
-        craft, left = self.pursuit.craft, self._left(nodes)
+        craft, left = self.pursuit.craft, self._room(nodes)
         slope = np.concatenate([slopes, -slopes, self._margin_slopes(nodes, left, slopes)], axis=1)
-        node, row = np.nonzero(left < _NEAR)
+        node, row = np.nonzero(left < _RELEVANT_MARGIN)
         of_states = np.zeros((len(node), count, size))
         of_states[np.arange(len(node)), node] = slope[node, row]
-        rows, slack = [of_states, of_states], [left[node, row] - _HARD, left[node, row] - _ROOM]
-        price = [np.full(len(node), _PRICE), np.full(len(node), _CHEAP)]
+        rows, slack = [of_states, of_states], [left[node, row] - _HARD_ROOM, left[node, row] - _SOFT_ROOM]
+        price = [np.full(len(node), _HARD_PRICE), np.full(len(node), _SOFT_PRICE)]
         step = nodes.times[1] - nodes.times[0]
         turn, change = ahead[:, :3], ahead[:, 3:]
-        moved, most = np.diff(nodes.joints, axis=0), _SHARE * step * craft.joint_rate_limits
-        turned, farthest = self._turns(nodes), _SHARE * step * np.broadcast_to(craft.rate_limit, 3)
+        moved, most = np.diff(nodes.joints, axis=0), _RATE_SHARE * step * craft.joint_rate_limits
+        turned, farthest = self._turns(nodes), _RATE_SHARE * step * np.broadcast_to(craft.rate_limit, 3)
         length = np.linalg.norm(turned, axis=1)
         onward = turned / np.maximum(length, 1e-300)[:, None]
         along = np.einsum("ki,kidz->kdz", onward, turn)[:, None]  # of the length of a turn
-        whole = np.broadcast_to(_SHARE * step * np.asarray(longest(craft, 1)), (count - 1, 1))
+        whole = np.broadcast_to(_RATE_SHARE * step * np.asarray(longest(craft, 1)), (count - 1, 1))
         bounded = (change, moved, most), (turn, turned, farthest), (along, length[:, None], whole)
         for one, value, bound in bounded:
             for sign in (1.0, -1.0):
                 near = sign * value > 0.5 * bound
                 rows.append(-sign * one[near])
                 slack.append((bound - sign * value)[near])
-                price.append(np.full(len(slack[-1]), _PRICE))
+                price.append(np.full(len(slack[-1]), _HARD_PRICE))
         stacked = np.concatenate(rows)
         reduced = np.einsum("bkd,kdy->bky", stacked, basis)
         return (
@@ -421,20 +423,20 @@ class LeastMotion:
         if not own:
             return found
         for place in range(slopes.shape[2]):
-            turn = _DIFFERENCE * np.eye(3)[place] if place < 3 else np.zeros(3)
+            turn = _DIFFERENCE_STEP * np.eye(3)[place] if place < 3 else np.zeros(3)
             moved = replace(
                 nodes,
                 attitudes=nodes.attitudes @ so3.exp(turn),
-                joints=nodes.joints + _DIFFERENCE * slopes[..., place],
+                joints=nodes.joints + _DIFFERENCE_STEP * slopes[..., place],
             )
-            found[..., place] = (self._left(moved)[:, -own:] - left[:, -own:]) / _DIFFERENCE
+            found[..., place] = (self._room(moved)[:, -own:] - left[:, -own:]) / _DIFFERENCE_STEP
         return found
 
 
 def rate_bounds(craft: Spacecraft) -> AnyArray:
     """Rates (J + 4,) rad/s that nodes may have: of joints, of three body axes, of the whole turn."""
     xp, joints, axes, whole = arrays(craft.joint_rate_limits, craft.rate_limit, longest(craft, 1))
-    return _SHARE * xp.concatenate([joints, xp.broadcast_to(axes, (3,)), whole[None]])
+    return _RATE_SHARE * xp.concatenate([joints, xp.broadcast_to(axes, (3,)), whole[None]])
 
 
 def wish_weight(rate: Any, step: Any) -> Any:
@@ -444,4 +446,4 @@ def wish_weight(rate: Any, step: Any) -> Any:
         rate: weight of the square of the rate.
         step: s, between nodes.
     """
-    return _WISH * array_module(rate).maximum(rate, _LEAST_RATE) * step
+    return _WISH_WEIGHT * array_module(rate).maximum(rate, _MIN_RATE_WEIGHT) * step

@@ -17,11 +17,11 @@ def clock(plan: TimelinePlan) -> str:
     epoch = plan.timeline.scene.epoch
     if epoch is None:
         return "s"
-    date = _date(plan)
+    date = _single_date(plan)
     return "UTC" if date is None else f"UTC, {date}"
 
 
-def _date(plan: TimelinePlan) -> str | None:
+def _single_date(plan: TimelinePlan) -> str | None:
     """Return the UTC date of a plan if all of it is on one date; else, and without an epoch, None."""
     epoch = plan.timeline.scene.epoch
     if epoch is None:
@@ -35,7 +35,7 @@ def stamps(plan: TimelinePlan, times: Iterable[float | None]) -> list[str]:
     """Return texts of times given in s: UTC or seconds, as `clock` says; a dash for None."""
     given = list(times)
     known = [time for time in given if time is not None]
-    epoch, cut = plan.timeline.scene.epoch, 0 if _date(plan) is None else len("2026-06-20 ")
+    epoch, cut = plan.timeline.scene.epoch, 0 if _single_date(plan) is None else len("2026-06-20 ")
     if epoch is None:
         texts = iter([f"{time:.2f}" for time in known])
     else:

@@ -32,19 +32,19 @@ from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.tracking import State, tracked_through
 from jaxplan.timeline.wheel_momentum import holding
 
-_OVER = (4.0, 20.0, 100.0)  # s, times T that are tried in turn, until one breaks nothing
-_ROUNDS = 3  # most repetitions, each with the next state for the new end of the motion
-_FINER = 4  # intervals of the curve in each between nodes, so that the held part is far from the turn
-_FARTHEST = 2.8  # rad, most by which nodes may turn
-_ALL = 3  # number of equations of targets that leaves nothing of an attitude free
-_GAIN = 0.2  # s, least by which each repetition must lower the bound
-_LITTLE = 0.1  # fraction of the bound; a repetition that gains less is the last
-_SMOOTH = 0.25  # fraction of the motion's time in which its rates change, so that it begins as it did
-_HELD = 3  # first nodes that are held, so that the slew before, and its final rates, stay the same
+_DRAW_TIMES = (4.0, 20.0, 100.0)  # s, times T that are tried in turn, until one breaks nothing
+_MAX_ROUNDS = 3  # most repetitions, each with the next state for the new end of the motion
+_REFINEMENT = 4  # intervals of the curve in each between nodes, so that the held part is far from the turn
+_MAX_TURN = 2.8  # rad, most by which nodes may turn
+_EQUATIONS_OF_ATTITUDE = 3  # number of equations of targets that leaves nothing of an attitude free
+_MIN_GAIN = 0.2  # s, least by which each repetition must lower the bound
+_SMALL_GAIN_SHARE = 0.1  # fraction of the bound; a repetition that gains less is the last
+_SMOOTHING_SHARE = 0.25  # fraction of the motion's time in which rates change, so that it begins as it did
+_HELD_NODES = 3  # first nodes that are held, so that the slew before, and its final rates, stay the same
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Ahead:
+class _NextSlew:
     """The slew that would follow a motion.
 
     Attributes:
@@ -90,25 +90,25 @@ def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
     if targets is None or tracked is None or motion.trajectory is None:
         return None
     pursuit = Pursuit.of(doing.scene.usable, doing.scene.constraints, targets)
-    if pursuit.equations >= _ALL:
+    if pursuit.equations >= _EQUATIONS_OF_ATTITUDE:
         return None
-    ahead = _ahead(motion, then, FIRST)
+    ahead = _find_next_slew(motion, then, FIRST)
     if ahead is not None and ahead.can_gain and then.activity.attitude is None:
-        ahead = _ahead(motion, then, ahead.bound.seconds)  # where targets are depends on when it ends
+        ahead = _find_next_slew(motion, then, ahead.bound.seconds)  # targets depend on when it ends
     if ahead is None or not ahead.can_gain:
         return None
-    for over in _OVER:
+    for over in _DRAW_TIMES:
         best, found = motion, ahead
-        for _ in range(_ROUNDS):
-            drawn = _drawn(doing, pursuit, best, found.attitude, over)
-            after = None if drawn is None else _ahead(drawn, then, found.bound.seconds)
+        for _ in range(_MAX_ROUNDS):
+            drawn = _draw_end_toward(doing, pursuit, best, found.attitude, over)
+            after = None if drawn is None else _find_next_slew(drawn, then, found.bound.seconds)
             if drawn is None or after is None:
                 break
             gained = found.bound.seconds - after.bound.seconds
-            if gained < _GAIN:
+            if gained < _MIN_GAIN:
                 break
             best, found = drawn, after
-            if gained < _LITTLE * after.bound.seconds or not after.can_gain:
+            if gained < _SMALL_GAIN_SHARE * after.bound.seconds or not after.can_gain:
                 break
         if best is not motion:
             return Led(motion=best, bound=ahead.bound.seconds)
@@ -117,7 +117,7 @@ def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
     return None
 
 
-def _ahead(motion: Motion, then: Doing, seconds: float) -> _Ahead | None:
+def _find_next_slew(motion: Motion, then: Doing, seconds: float) -> _NextSlew | None:
     """Return the slew from the end of a motion to the activity `then`; it takes about `seconds`.
 
     Returns:
@@ -127,16 +127,16 @@ def _ahead(motion: Motion, then: Doing, seconds: float) -> _Ahead | None:
     length = motion.trajectory.duration
     state, time = State.of(motion.trajectory, length), motion.begin + length
     then = replace(then, before=state, time=time, last=None)
-    goal = _goal(then, then.seen_from(min(time + max(seconds, LEAST), then.last_begin)))
+    goal = _find_begin_state(then, then.seen_from(min(time + max(seconds, LEAST), then.last_begin)))
     if goal is None:
         return None
     craft = holding(then.scene.spacecraft, then.total, state)
     bound = Departure(scene=then.scene, craft=craft, state=state, time=time).limiting(goal)
     by_platform = bound.name not in craft.joint_names
-    return _Ahead(attitude=goal.attitude, bound=bound, by_platform=by_platform)
+    return _NextSlew(attitude=goal.attitude, bound=bound, by_platform=by_platform)
 
 
-def _goal(then: Doing, time: float) -> State | None:
+def _find_begin_state(then: Doing, time: float) -> State | None:
     """Return the best state of step 1 in which an activity may begin at `time`, s; None if there is none."""
     given, targets = then.activity.attitude, then.activity.targets
     if given is not None:
@@ -147,7 +147,9 @@ def _goal(then: Doing, time: float) -> State | None:
     return then.at_rates(targets, goals[0], time) if goals else None
 
 
-def _drawn(doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, over: float) -> Motion | None:
+def _draw_end_toward(
+    doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, over: float
+) -> Motion | None:
     """Return a motion near another one, its end drawn to an attitude; None if it breaks something.
 
     Args:
@@ -161,11 +163,13 @@ def _drawn(doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, o
     assert tracked is not None
     assert targets is not None
     nodes, (rate, acceleration) = tracked.nodes, tracked.wanted.weights
-    smooth = max(acceleration, rate * (_SMOOTH * (nodes.times[-1] - nodes.times[0])) ** 2)
-    wanted = replace(tracked.wanted, ahead=attitude, ahead_time=over, held=_HELD, weights=(rate, smooth))
+    smooth = max(acceleration, rate * (_SMOOTHING_SHARE * (nodes.times[-1] - nodes.times[0])) ** 2)
+    wanted = replace(
+        tracked.wanted, ahead=attitude, ahead_time=over, held=_HELD_NODES, weights=(rate, smooth)
+    )
     search = LeastMotion(pursuit, wanted, tracked.free)
     turned = search.solve(nodes.times, nodes.attitudes, nodes.joints)
-    through = _beside(pursuit, near, turned)
+    through = _refine_turned_nodes(pursuit, near, turned)
     if through is None:
         return None
     found = tracked_through(search, turned, through, float(targets.tolerance))
@@ -181,7 +185,7 @@ def _drawn(doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, o
     return own
 
 
-def _beside(pursuit: Pursuit, near: Motion, turned: Nodes) -> Nodes | None:
+def _refine_turned_nodes(pursuit: Pursuit, near: Motion, turned: Nodes) -> Nodes | None:
     """Return a finer set of nodes through turned ones that begins as the motion `near` does.
 
     The turn from that motion is zero, with two derivatives, until the last held node. A spline through the
@@ -194,13 +198,13 @@ def _beside(pursuit: Pursuit, near: Motion, turned: Nodes) -> Nodes | None:
     assert near.trajectory is not None
     nodes, count = near.tracked.nodes, len(turned.times)
     turns = so3.log(np.swapaxes(nodes.attitudes, 1, 2) @ turned.attitudes)
-    if np.max(np.linalg.norm(turns, axis=1)) > _FARTHEST:
+    if np.max(np.linalg.norm(turns, axis=1)) > _MAX_TURN:
         return None
-    apart = np.concatenate([turns, turned.joints - nodes.joints], axis=1)[_HELD - 1 :]
-    spline = curves.rising(turned.times[_HELD - 1 :], apart)
-    times = np.linspace(turned.times[0], turned.times[-1], _FINER * (count - 1) + 1)
+    apart = np.concatenate([turns, turned.joints - nodes.joints], axis=1)[_HELD_NODES - 1 :]
+    spline = curves.rising(turned.times[_HELD_NODES - 1 :], apart)
+    times = np.linspace(turned.times[0], turned.times[-1], _REFINEMENT * (count - 1) + 1)
     at = near.trajectory.sample(np.clip(times - times[0], 0, near.trajectory.duration))
-    own = np.where((times > turned.times[_HELD - 1])[:, None], spline(times), 0.0)
+    own = np.where((times > turned.times[_HELD_NODES - 1])[:, None], spline(times), 0.0)
     attitudes = pursuit.meeting(at.attitude @ so3.exp(own[:, :3]), times)
     joints = pursuit.joints(attitudes, times, at.joints + own[:, 3:])
     return Nodes(times=times, attitudes=attitudes, joints=pursuit.unwrapped(joints))

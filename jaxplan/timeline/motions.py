@@ -36,19 +36,19 @@ from jaxplan.timeline.tracking import State, Tracked, led_back, overrun, roomies
 from jaxplan.trajectory import Trajectory
 
 SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
-_GOALS = 4  # number of attitudes of step 1 that are tried as first guesses
-_BROKEN = 1e-9  # rad, by which a node may violate something and still counts as keeping it
-_LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
-_EXACT = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
-_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ends of ranges if it can
-_SAME = 1e-9  # s, by which a time may be late
-_SAME_INSTANT = 1e-3  # s, between the end of a span and what begins because of it
+_MAX_GOALS = 4  # number of attitudes of step 1 that are tried as first guesses
+_VIOLATION_TOLERANCE = 1e-9  # rad, by which a node may violate something and still counts as keeping it
+_LOOK_INTERVAL, _MAX_LOOKS = 5.0, 2000  # s between looks at zones, and the most of them
+_EXACT_TOLERANCE = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
+_EXTRA_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ranges if it can
+_TIME_TOLERANCE = 1e-9  # s, by which a time may be late
+_INSTANT_TOLERANCE = 1e-3  # s, between the end of a span and what begins because of it
 
 
 def with_room(craft: Spacecraft, targets: Targets) -> tuple[Spacecraft, Targets]:
-    """Return spacecraft and targets that keep extra room, `_ROOM`, to ends of ranges and to zones."""
-    clearance = array_module(targets.clearance).maximum(targets.clearance, _ROOM)
-    return usable(craft, Robust(joint_error=_ROOM)), replace(targets, clearance=clearance)
+    """Return spacecraft and targets that keep extra room, `_EXTRA_ROOM`, to ends of ranges and to zones."""
+    clearance = array_module(targets.clearance).maximum(targets.clearance, _EXTRA_ROOM)
+    return usable(craft, Robust(joint_error=_EXTRA_ROOM)), replace(targets, clearance=clearance)
 
 
 class Refused(Exception):
@@ -125,11 +125,11 @@ class Doing:
         self._expect_known(begin)
         if own.attitude is not None:
             given = own.attitude
-            found = self._held(State.still(given.attitude, given.joints), begin)
+            found = self._holding_motion(State.still(given.attitude, given.joints), begin)
         elif own.targets is None:
-            found = self._resting(begin)
+            found = self._resting_motion(begin)
         else:
-            found = self._pointing(own.targets, begin)
+            found = self._pointing_motion(own.targets, begin)
         self.last = found
         self.expect_possible(found)
         return found
@@ -138,22 +138,22 @@ class Doing:
         """Raise `Refused` if a motion exceeds a limit, or its ends break something or allow no slew."""
         if found.trajectory is None:
             return
-        if fast := self._overrun(found.trajectory, found.begin):
+        if fast := self._overload_text(found.trajectory, found.begin):
             raise Refused(Status.LIMITS_TOO_TIGHT, fast)
         # the slew to it must be able to end where it begins, and what follows to begin where it ends
         length = found.trajectory.duration
         ends = (found.state, 0.0, True), (State.of(found.trajectory, length), length, False)
         for state, after, arriving in ends:
             when = found.begin + after
-            if broken := self._broken(state, when, arriving=arriving):
+            if broken := self._breach_text(state, when, arriving=arriving):
                 raise Refused(Status.INVALID_GOAL, f"{broken}, at {when:.2f} s")
 
-    def _overrun(self, trajectory: Trajectory, begin: float) -> str:
+    def _overload_text(self, trajectory: Trajectory, begin: float) -> str:
         """Return text on the load that exceeds its limit the most, and when; empty if none does."""
         beyond = overrun(self.scene.usable, trajectory, begin, self.total)
         return beyond + ", as targets move then" * bool(beyond and self.activity.targets is not None)
 
-    def _held(self, state: State, begin: float) -> Motion:
+    def _holding_motion(self, state: State, begin: float) -> Motion:
         """Return the motion that stays in a state from `begin`, s, on; `Refused` if that breaks something."""
         end = self.ends(begin)
         if not end > begin:
@@ -165,16 +165,16 @@ class Doing:
             joints=np.tile(state.joints, (len(times), 1)),
         )
         pursuit = Pursuit.of(self.scene.usable, self.scene.constraints, None)
-        close = np.linspace(begin, end, int(np.clip((end - begin) / _LOOK, len(times), _LOOKS)))
+        close = np.linspace(begin, end, int(np.clip((end - begin) / _LOOK_INTERVAL, len(times), _MAX_LOOKS)))
         still = [np.broadcast_to(part, (len(close), *part.shape)) for part in (state.attitude, state.joints)]
         margins = pursuit.margins(still[0], still[1], close)
         worst = close[int(np.argmin(np.min(margins, axis=1, initial=np.inf)))]
-        phrases = self._phrases(replace(nodes, times=np.array([worst])), 0)
+        phrases = self._violation_phrases(replace(nodes, times=np.array([worst])), 0)
         if phrases:
             raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {worst:.2f} s")
         return Motion(state=state, trajectory=curves.through(nodes), begin=begin)
 
-    def _resting(self, begin: float) -> Motion:
+    def _resting_motion(self, begin: float) -> Motion:
         """Return the motion of a spacecraft that brakes to rest and then moves only if zones force it."""
         far = (begin - self.time) / 2  # braking evenly
         low, high = self.scene.usable.joint_ranges.T
@@ -182,29 +182,29 @@ class Doing:
         attitude = self.before.attitude @ so3.exp(far * self.before.velocity)
         still = State.still(attitude, joints)
         try:
-            return self._held(still, begin)
+            return self._holding_motion(still, begin)
         except Refused:
-            return self._tracked(None, [attitude[None]], joints, begin)
+            return self._least_energy_motion(None, [attitude[None]], joints, begin)
 
-    def _pointing(self, targets: Targets, begin: float) -> Motion:
+    def _pointing_motion(self, targets: Targets, begin: float) -> Motion:
         """Return the motion that follows targets from `begin`, s, on, or the one that violates the least."""
         end = self.ends(begin)
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
             with suppress(Refused):  # later there may be another way
-                aim = self._decomposed(targets, begin).goals[0] if self.scene.trajectory.optimal else None
+                aim = self._find_states(targets, begin).goals[0] if self.scene.trajectory.optimal else None
                 joints = nodes.joints[0] if aim is None else aim.joints
-                again = replace(self._tracked(targets, [nodes.attitudes], joints, begin), aim=aim)
+                again = replace(self._least_energy_motion(targets, [nodes.attitudes], joints, begin), aim=aim)
                 if keeps_all(again):
                     return again
-        found = self._decomposed(targets, begin)
+        found = self._find_states(targets, begin)
         if not end > begin:
-            return self._instant(targets, found.goals, begin)
+            return self._point_at_instant(targets, found.goals, begin)
         joints, refusals, made = found.goals[0].joints, [], []
-        for guesses in self._first_guesses(targets, found.goals, begin):
+        for guesses in self._guesses(targets, found.goals, begin):
             if guesses:
                 try:
-                    own = self._tracked(targets, guesses, joints, begin)
+                    own = self._least_energy_motion(targets, guesses, joints, begin)
                     made.append(replace(own, aim=found.goals[0]))
                 except Refused as refused:
                     refusals.append(refused)
@@ -212,11 +212,9 @@ class Doing:
                 return made[-1]
         if not made:
             raise refusals[0]
-        return min(made, key=_depth)  # the certificate tells what it breaks between its nodes
+        return min(made, key=_violation_depth)  # the certificate tells what it breaks between its nodes
 
-    def _first_guesses(
-        self, targets: Targets, goals: Sequence[Goal], begin: float
-    ) -> Iterator[list[np.ndarray]]:
+    def _guesses(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Iterator[list[np.ndarray]]:
         """Yield lists of attitudes (1, 3, 3) at `begin`, s, as first guesses of a track, likely ones first.
 
         The best at the start may lead nowhere at the end. So next are those from which the targets lead to
@@ -227,15 +225,15 @@ class Doing:
         yield [goal.attitude[None] for goal in goals]
         later = self.attempted(craft, targets, end).goals
         yield [led_back(pursuit, goal.attitude, begin, end) for goal in later]
-        yield roomiest(pursuit, self.before.joints, begin, end, count=_GOALS, seed=self.scene.search.seed)
+        yield roomiest(pursuit, self.before.joints, begin, end, count=_MAX_GOALS, seed=self.scene.search.seed)
 
-    def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
+    def _find_states(self, targets: Targets, begin: float) -> Decomposition:
         """Find states at `begin`, s, in which devices point at their targets, best first, or refuse."""
         scene, rows = self.scene, self.scene.constraints.at(begin)
         found = self.attempted(scene.usable, targets, begin)
         masked = any(one.mask for one in scene.usable.terminals)  # masks may be taken off ranges
         if not found.goals and (masked or found.aim_excess <= float(targets.tolerance)):
-            self._expect_free(targets, begin)
+            self._expect_unobstructed(targets, begin)
         if not found.goals:
             settings = replace(scene.trajectory, duration=STRETCHED)
             asked = replace(scene, goal=targets.at(begin), trajectory=settings)
@@ -244,13 +242,13 @@ class Doing:
             raise Refused(Status.GOAL_UNREACHABLE, f"{text}, at {begin:.2f} s")
         return found
 
-    def _expect_free(self, targets: Targets, begin: float) -> None:
+    def _expect_unobstructed(self, targets: Targets, begin: float) -> None:
         """Raise `Refused` if targets can be met at `begin`, s, only where a constraint is broken."""
         bare = replace(self.scene, keep_out=(), keep_in=())
         terminals = tuple(replace(one, mask=()) for one in bare.spacecraft.terminals)
         bare = replace(bare, spacecraft=replace(bare.spacecraft, terminals=terminals))
         for goal in self.attempted(bare.usable, targets, begin, bare.constraints).goals:
-            if broken := self._broken(State.still(goal.attitude, goal.joints), begin):
+            if broken := self._breach_text(State.still(goal.attitude, goal.joints), begin):
                 raise Refused(Status.GOAL_UNREACHABLE, f"at best {broken}, at {begin:.2f} s")
 
     def attempted(
@@ -264,14 +262,14 @@ class Doing:
         asked, among = targets.at(begin), (self.scene.constraints if rows is None else rows).at(begin)
         most = float(targets.tolerance)
         bound = any(number >= len(craft.terminals) for number in targets.numbers(craft))
-        for tolerance in dict.fromkeys((min(_EXACT, most), most)) if bound else (most,):
+        for tolerance in dict.fromkeys((min(_EXACT_TOLERANCE, most), most)) if bound else (most,):
             found = decompose(
                 craft,
                 self.before.attitude,
                 replace(asked, tolerance=tolerance),
                 among,
                 start_joints=self.before.joints,
-                max_goals=_GOALS,
+                max_goals=_MAX_GOALS,
                 seed=self.scene.search.seed,
             )
             if found.goals:
@@ -281,13 +279,13 @@ class Doing:
             return replace(found, goals=tuple(with_wishes_met(goal, *own) for goal in found.goals))
         return found
 
-    def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
+    def _point_at_instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
         """Return the best state in which devices point at targets at `begin`, s, and turn with them."""
         roomy, clear = with_room(self.scene.usable, targets)
         first: str | None = None
         for goal in (*self.attempted(roomy, clear, begin).goals, *goals):
             state = self.at_rates(targets, goal, begin)
-            broken = self._broken(state, begin, arriving=True) or self._broken(state, begin)
+            broken = self._breach_text(state, begin, arriving=True) or self._breach_text(state, begin)
             if not broken:
                 return Motion(state=state, trajectory=None, begin=begin)
             first = first or broken
@@ -298,12 +296,12 @@ class Doing:
         spin, rates = least_rates(self.scene.usable, targets.at(time), goal, targets.rates(time))
         return replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
 
-    def _broken(self, state: State, time: float, *, arriving: bool = False) -> str:
+    def _breach_text(self, state: State, time: float, *, arriving: bool = False) -> str:
         """Return text on what a state breaks at `time`, s, or must break next (before it, if `arriving`)."""
         each = state.attitude, state.joints, state.velocity, state.rates
         return "; ".join(breaches(self.scene, *each, arriving=arriving, time=time))
 
-    def _tracked(
+    def _least_energy_motion(
         self, targets: Targets | None, guesses: list[np.ndarray], joints: np.ndarray, begin: float
     ) -> Motion:
         """Return the motion of least energy near the first of some attitudes, `guesses`, that has one."""
@@ -320,31 +318,33 @@ class Doing:
             weights=(settings.rate_weight, settings.acceleration_weight),
             optimal=settings.optimal,
         )
-        found = self._calmest(pursuit, wanted, guesses, begin)
-        if wishes and self._overrun(found.trajectory, begin):
+        found = self._track_from_guesses(pursuit, wanted, guesses, begin)
+        if wishes and self._overload_text(found.trajectory, begin):
             # to stay near the state before at first, and then go where a wish asks for, is too quick
-            found = self._calmest(pursuit, replace(wanted, attitude=None), guesses, begin)
-        self._expect_kept(found)
+            found = self._track_from_guesses(pursuit, replace(wanted, attitude=None), guesses, begin)
+        self._expect_nodes_kept(found)
         return Motion(
             state=State.of(found.trajectory, 0.0), trajectory=found.trajectory, begin=begin, tracked=found
         )
 
-    def _calmest(self, pursuit: Pursuit, wanted: Wanted, guesses: list[np.ndarray], begin: float) -> Tracked:
+    def _track_from_guesses(
+        self, pursuit: Pursuit, wanted: Wanted, guesses: list[np.ndarray], begin: float
+    ) -> Tracked:
         """Return the motion from the first guess that violates nothing, or else the one that does least."""
         targets = self.activity.targets
         tolerance = 1e-4 if targets is None else float(targets.tolerance)
-        free, end = self._free(targets), self.ends(begin)
+        free, end = self._free_joints(targets), self.ends(begin)
         best: Tracked | None = None
         for guess in guesses:
             found = track(pursuit, wanted, free, guess, begin, end, tolerance)
             if best is None or found.depth < best.depth:
                 best = found
-            if max(best.depth) <= _BROKEN:
+            if max(best.depth) <= _VIOLATION_TOLERANCE:
                 break
         assert best is not None
         return best
 
-    def _free(self, targets: Targets | None) -> tuple[int, ...]:
+    def _free_joints(self, targets: Targets | None) -> tuple[int, ...]:
         """Indices of the joints, of devices without a target, that may move for a zone or a wish."""
         craft, rows = self.scene.usable, self.scene.constraints
         gimbals, asked = craft.gimbals, () if targets is None else targets.numbers(craft)
@@ -363,7 +363,7 @@ class Doing:
         if own_targets := self.activity.targets:
             self._expect_seen(own_targets, begin, self.ends(begin))
         late = self.ends(begin) - self.known
-        if late > _SAME:
+        if late > _TIME_TOLERANCE:
             raise Refused(
                 Status.OUT_OF_WINDOW,
                 f"begun at {begin:.2f} s it would end {late:.2f} s after the timeline, which ends at "
@@ -374,7 +374,7 @@ class Doing:
         """Raise `Refused` if a target is hidden at some time from `begin` to `end`, s."""
         for name, path in zip(targets.names(self.scene.spacecraft), targets.paths, strict=True):
             for span in path.hidden:
-                if span.start <= begin < span.end - _SAME or begin < span.start < end:
+                if span.start <= begin < span.end - _TIME_TOLERANCE or begin < span.start < end:
                     raise Refused(
                         Status.INVALID_GOAL,
                         f"{span.target}, the target of {name}, is hidden by {span.by} from "
@@ -409,19 +409,19 @@ class Doing:
         targets = self.activity.targets
         for path in () if targets is None else targets.paths:
             for span in path.hidden:
-                if abs(span.end - begin) <= _SAME_INSTANT:
+                if abs(span.end - begin) <= _INSTANT_TOLERANCE:
                     return f"{span.target} is hidden by {span.by} until {span.end:.2f} s"
         return ""
 
-    def _expect_kept(self, found: Tracked) -> None:
+    def _expect_nodes_kept(self, found: Tracked) -> None:
         """Raise `Refused` if nodes violate a range or a constraint."""
-        if np.max(found.broken) <= _BROKEN:
+        if np.max(found.broken) <= _VIOLATION_TOLERANCE:
             return
-        phrases = self._phrases(found.nodes, found.worst)
+        phrases = self._violation_phrases(found.nodes, found.worst)
         when = f"at {found.nodes.times[found.worst]:.2f} s"
         raise Refused(Status.GOAL_UNREACHABLE, f"{'; '.join(phrases) or 'a limit is passed'} {when}")
 
-    def _phrases(self, nodes: Nodes, node: int) -> list[str]:
+    def _violation_phrases(self, nodes: Nodes, node: int) -> list[str]:
         """Return a phrase for each range and constraint that the given node violates."""
         scene, craft = self.scene, self.scene.usable
         low, high = craft.joint_ranges.T
@@ -429,7 +429,7 @@ class Doing:
         found = []
         for name, angle, least, most in zip(craft.joint_names, joints, low, high, strict=True):
             over = max(least - angle, angle - most)
-            if over > _BROKEN:
+            if over > _VIOLATION_TOLERANCE:
                 end = np.rad2deg(least if least - angle > 0 else most)
                 found.append(f"{name} would be {np.rad2deg(over):.4g} deg beyond its limit of {end:.4g} deg")
         rows = scene.constraints.at(nodes.times[node])
@@ -438,7 +438,7 @@ class Doing:
         return [*found, *constraint_breaches(rows, *state, zones, scene.sight_names)]
 
 
-def _depth(motion: Motion) -> tuple[float, float]:
+def _violation_depth(motion: Motion) -> tuple[float, float]:
     """Return how far nodes, and the curve between, violate something, rad; for motions with `tracked`."""
     assert motion.tracked is not None
     return motion.tracked.depth
@@ -446,4 +446,4 @@ def _depth(motion: Motion) -> tuple[float, float]:
 
 def keeps_all(motion: Motion) -> bool:
     """Whether a motion that follows targets violates nothing at its nodes and between them."""
-    return max(_depth(motion)) <= _BROKEN
+    return max(_violation_depth(motion)) <= _VIOLATION_TOLERANCE

@@ -65,7 +65,7 @@ class SoFar:
         self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
         self.broken = start_breaches(replace(scene, goal=start))
 
-    def _copied(self) -> Self:
+    def _copy(self) -> Self:
         """Return a copy that can be continued independently; the lists are copied, their elements shared."""
         own = copy(self)
         own.parts, own.proofs, own.segments = list(self.parts), list(self.proofs), list(self.segments)
@@ -73,15 +73,15 @@ class SoFar:
         return own
 
     def _mark(self) -> tuple[State, float, int]:
-        """Return a mark of how far the plan is, for `_back_to`."""
+        """Return a mark of how far the plan is, for `_roll_back`."""
         return self.state, self.time, len(self.parts)
 
-    def _back_to(self, mark: tuple[State, float, int]) -> None:
+    def _roll_back(self, mark: tuple[State, float, int]) -> None:
         """Remove the parts of the motion that were added after a mark, and return to its state and time."""
         self.state, self.time, kept = mark
         del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
 
-    def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
+    def _add_part(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
         """Append a part of the motion with its certificate, and continue from its end."""
         self.parts.append((self.time, trajectory))
         self.proofs.append((self.time, trajectory, proof))
@@ -89,7 +89,7 @@ class SoFar:
         self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
         self.state, self.time = State.of(trajectory, trajectory.duration), end
 
-    def _craft(self, further: Trajectory | None = None) -> Spacecraft:
+    def _loaded_craft(self, further: Trajectory | None = None) -> Spacecraft:
         """Return the spacecraft with the momentum that its wheels hold now, or after a part `further`."""
         state = self.state if further is None else State.of(further, further.duration)
         return holding(self.scene.spacecraft, self.total, state)

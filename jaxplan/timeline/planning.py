@@ -32,14 +32,14 @@ from jaxplan.timeline.replanning import first_again
 from jaxplan.timeline.slews import Departure, Slew
 from jaxplan.timeline.tracking import State
 
-_GENTLE = 6.0  # times the lower bound: how long a slew takes at most where there is time
-_USUAL = 60.0  # s; a slew of that duration is gentle in any case, and less time is not worth a rest
-_TRIES, _MORE = 3, 1.05  # most slews from a rest to try, and the next one's time over what the last needs
-_SAME = 1e-9  # s, below which there is no time for a slew
+_GENTLE_FACTOR = 6.0  # times the lower bound: how long a slew takes at most where there is time
+_GENTLE_DURATION = 60.0  # s; a slew of that duration is gentle in any case, and less time is not worth a rest
+_MAX_TRIES, _RETRY_FACTOR = 3, 1.05  # most slews from a rest, and the next one's time over what one needs
+_TIME_TOLERANCE = 1e-9  # s, below which there is no time for a slew
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Found:
+class _Option:
     """How an activity can be done.
 
     Attributes:
@@ -56,7 +56,7 @@ class _Found:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Otherwise:
+class _UnledOption:
     """How an activity that was led would be done if it were not.
 
     Attributes:
@@ -66,7 +66,7 @@ class _Otherwise:
     """
 
     day: "_Day"
-    found: _Found
+    found: _Option
     bound: float
 
 
@@ -134,7 +134,7 @@ class _Day(SoFar):
 
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
-        self.otherwise: _Otherwise | None = None
+        self.otherwise: _UnledOption | None = None
         ordered = in_order(self.timeline.activities) if self.timeline.look_ahead else ()
         self.following = {one.name: then for one, then in pairwise(ordered)}
 
@@ -155,8 +155,8 @@ class _Day(SoFar):
                 break
             assert kept.trajectory is not None
             own = curves.part(kept.trajectory, segment.start, segment.end)
-            proof = proving.certify_part(self.scene, segment.start, own, self._craft())
-            self._add(segment.name, segment.kind, own, proof)
+            proof = proving.certify_part(self.scene, segment.start, own, self._loaded_craft())
+            self._add_part(segment.name, segment.kind, own, proof)
         self.activities += kept.activities[:first]
         self.choices += [one for one in kept.choices if one.activity.name in names]
         return ordered[first:]
@@ -170,15 +170,15 @@ class _Day(SoFar):
         later.
         """
         otherwise, self.otherwise = self.otherwise, None
-        done = self._do_or_tell(activity)
+        done = self._try_activity(activity)
         if otherwise is None or (done and (self.activities[-1].slew or 0.0) <= otherwise.bound):
             return self
         other = otherwise.day
         try:
-            other._add_all(otherwise.found, *other._proved(otherwise.found))
+            other._add_activity(otherwise.found, *other._prove_motion(otherwise.found))
         except Refused:
             return self
-        if not other._do_or_tell(activity):
+        if not other._try_activity(activity):
             return self if done else other
         return self if done and self._last_times() < other._last_times() else other
 
@@ -187,7 +187,7 @@ class _Day(SoFar):
         last = self.activities[-1]
         return round(last.end or 0.0, 6), last.slew or 0.0
 
-    def _do_or_tell(self, activity: Activity) -> bool:
+    def _try_activity(self, activity: Activity) -> bool:
         """Plan an activity from the state so far, or record why it cannot be done.
 
         Returns whether it could.
@@ -197,9 +197,9 @@ class _Day(SoFar):
             if self.broken:
                 raise Refused(Status.INVALID_START, "; ".join(self.broken))
             self._expect_done(activity.after)
-            self._do(activity)
+            self._do_activity(activity)
         except Refused as refused:
-            self._back_to(before)  # without a rest that was to fill time
+            self._roll_back(before)  # without a rest that was to fill time
             self.activities.append(
                 PlannedActivity(
                     name=activity.name, kind=activity.kind, status=refused.status, message=refused.message
@@ -217,23 +217,23 @@ class _Day(SoFar):
     def rest(self) -> None:
         """Plan a rest until the end of the timeline, if time is left."""
         until = self.timeline.until
-        if until is not None and until > self.time + _SAME:
-            self._do_or_tell(Activity(name=REST, idle=True))
+        if until is not None and until > self.time + _TIME_TOLERANCE:
+            self._try_activity(Activity(name=REST, idle=True))
 
-    def _do(self, activity: Activity, *, listed: bool = True) -> None:
+    def _do_activity(self, activity: Activity, *, listed: bool = True) -> None:
         """Plan an activity; raises `Refused`.
 
         `listed` is False for a rest that only fills time, which is not listed among the activities.
         """
-        doing = self._doing(activity)
-        slew, motion = self._slew(doing)
-        departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
-        found = _Found(doing=doing, departure=departure, slew=slew, motion=motion)
-        if not self._do_ahead(found):
-            self._add_all(found, *self._proved(found), listed=listed)
+        doing = self._make_doing(activity)
+        slew, motion = self._find_slew(doing)
+        departure = Departure(scene=self.scene, craft=self._loaded_craft(), state=self.state, time=self.time)
+        found = _Option(doing=doing, departure=departure, slew=slew, motion=motion)
+        if not self._try_led(found):
+            self._add_activity(found, *self._prove_motion(found), listed=listed)
 
-    def _add_all(
-        self, found: _Found, proof: Certificate | None, error: float | None, *, listed: bool = True
+    def _add_activity(
+        self, found: _Option, proof: Certificate | None, error: float | None, *, listed: bool = True
     ) -> None:
         """Append slew and motion of an activity, and list the activity unless `listed` is False.
 
@@ -245,9 +245,9 @@ class _Day(SoFar):
         """
         activity, slew, motion = found.doing.activity, found.slew, found.motion
         if slew.trajectory is not None and slew.proof is not None:
-            self._add(activity.name, "slew", slew.trajectory, slew.proof)
+            self._add_part(activity.name, "slew", slew.trajectory, slew.proof)
         if motion.trajectory is not None and proof is not None:
-            self._add(activity.name, activity.kind, motion.trajectory, proof)
+            self._add_part(activity.name, activity.kind, motion.trajectory, proof)
         self.state = motion.state if motion.trajectory is None else self.state
         if not listed:
             return
@@ -276,7 +276,7 @@ class _Day(SoFar):
             )
         )
 
-    def _doing(self, activity: Activity) -> Doing:
+    def _make_doing(self, activity: Activity) -> Doing:
         """Return an activity as one to be done from the state so far."""
         return Doing(
             scene=self.scene,
@@ -288,7 +288,7 @@ class _Day(SoFar):
             total=self.total,
         )
 
-    def _do_ahead(self, found: _Found) -> bool:
+    def _try_led(self, found: _Option) -> bool:
         """Plan an activity led to where the next slew leads; returns whether that was possible and of use.
 
         The slew to it takes as long as the one that was found before.
@@ -297,10 +297,10 @@ class _Day(SoFar):
         begin = found.motion.begin
         if then is None or found.slew.trajectory is None:
             return False
-        if self.timeline.slew == CALM and (then.earliest or 0.0) > doing.ends(begin) + _SAME:
+        if self.timeline.slew == CALM and (then.earliest or 0.0) > doing.ends(begin) + _TIME_TOLERANCE:
             return False  # the next slew takes the time that there is
         begun = clock.monotonic()
-        led = led_ahead(doing, found.motion, self._doing(then))
+        led = led_ahead(doing, found.motion, self._make_doing(then))
         self.seconds["motions"] += clock.monotonic() - begun
         if led is None:
             return False
@@ -312,14 +312,14 @@ class _Day(SoFar):
         slew = replace(slew, goal=led.motion, time=found.slew.time)
         own = replace(found, slew=slew, motion=led.motion)
         try:
-            proved = self._proved(own)
+            proved = self._prove_motion(own)
         except Refused:
             return False
-        self.otherwise = _Otherwise(day=self._copied(), found=found, bound=led.bound)
-        self._add_all(own, *proved)
+        self.otherwise = _UnledOption(day=self._copy(), found=found, bound=led.bound)
+        self._add_activity(own, *proved)
         return True
 
-    def _proved(self, found: _Found) -> tuple[Certificate | None, float | None]:
+    def _prove_motion(self, found: _Option) -> tuple[Certificate | None, float | None]:
         """Return the proof of a motion, and within which angle, rad, devices point; raises `Refused`.
 
         Both are None for a motion that takes no time; the angle is None if nothing is tracked.
@@ -328,7 +328,7 @@ class _Day(SoFar):
         if motion.trajectory is None:
             return None, None
         begun, error = clock.monotonic(), None
-        craft = self._craft(found.slew.trajectory)
+        craft = self._loaded_craft(found.slew.trajectory)
         proof = proving.certify_part(self.scene, motion.begin, motion.trajectory, craft)
         if activity.track is not None:
             error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
@@ -341,15 +341,15 @@ class _Day(SoFar):
         expect_near(activity, error)
         return proof, error
 
-    def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
+    def _find_slew(self, doing: Doing) -> tuple[Slew, Motion]:
         """Return the slew to an activity and the motion that follows it; raises `Refused`."""
         activity = doing.activity
         opens = activity.earliest or 0.0
-        departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
-        waits = opens > self.time + _SAME
+        departure = Departure(scene=self.scene, craft=self._loaded_craft(), state=self.state, time=self.time)
+        waits = opens > self.time + _TIME_TOLERANCE
         if waits and self.timeline.slew == CALM:
             try:
-                return self._calm(departure, doing, opens)
+                return self._calm_slew(departure, doing, opens)
             except Refused as refused:
                 if refused.status not in (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED):
                     raise
@@ -358,7 +358,7 @@ class _Day(SoFar):
         spent = self.seconds["motions"]
 
         def goal_at(time: float) -> tuple[State, Motion]:
-            found = self._motion(doing, time)
+            found = self._find_motion(doing, time)
             return found.state, found
 
         try:
@@ -366,55 +366,57 @@ class _Day(SoFar):
         except Refused:
             if not waits:
                 raise
-            return self._calm(departure, doing, opens)
+            return self._calm_slew(departure, doing, opens)
         finally:
             self.seconds["slews"] += clock.monotonic() - begun - (self.seconds["motions"] - spent)
         if slew.trajectory is None:
             if waits:
-                return self._calm(departure, doing, opens)
+                return self._calm_slew(departure, doing, opens)
             raise Refused(slew.status, f"no slew to it from {self.time:.2f} s on: {slew.message}")
         expect_in_time(doing, slew.goal, self.time)
         if slew.time is not None and slew.time.at_an_instant:
-            return self._after_rest(departure, doing, slew), slew.goal
+            return self._slew_after_rest(departure, doing, slew), slew.goal
         return slew, slew.goal
 
-    def _after_rest(self, departure: Departure, doing: Doing, slew: Slew) -> Slew:
+    def _slew_after_rest(self, departure: Departure, doing: Doing, slew: Slew) -> Slew:
         """Return a slew that ends at a given instant, such as that at which a target comes into sight.
 
         If there is much time until then, the platform rests first, and then slews in the shortest time. If
         there is not, or that fails, the slew takes all the time there is; it is the argument `slew`.
         """
         motion, slew = slew.goal, replace(slew, time=None)
-        if slew.duration <= _USUAL:
+        if slew.duration <= _GENTLE_DURATION:
             return slew
         quick = departure.shortest(lambda _: (motion.state, motion), lambda time: time)
         lasts = None if quick.trajectory is None else quick.duration
-        for _ in range(_TRIES):
-            if lasts is None or slew.duration - lasts <= _USUAL:
+        for _ in range(_MAX_TRIES):
+            if lasts is None or slew.duration - lasts <= _GENTLE_DURATION:
                 break
             mark = self._mark()
-            if not self._wait(doing.activity.name, motion.begin - lasts):
+            if not self._rest_until(doing.activity.name, motion.begin - lasts):
                 break
-            departure = replace(departure, craft=self._craft(), state=self.state, time=self.time)
+            departure = replace(departure, craft=self._loaded_craft(), state=self.state, time=self.time)
             late = departure.in_time(motion.state, motion.begin - self.time)
             if late.trajectory is not None:
                 return late
-            self._back_to(mark)  # from where it rests the way may be a longer one
-            lasts = None if late.needed is None else max(_MORE * late.needed, _MORE * lasts)
+            self._roll_back(mark)  # from where it rests the way may be a longer one
+            lasts = None if late.needed is None else max(_RETRY_FACTOR * late.needed, _RETRY_FACTOR * lasts)
         return slew
 
-    def _calm(self, departure: Departure, doing: Doing, opens: float) -> tuple[Slew, Motion]:
+    def _calm_slew(self, departure: Departure, doing: Doing, opens: float) -> tuple[Slew, Motion]:
         """Return the slew that takes all the time until an activity may begin, and the motion that follows.
 
         `opens` is when its window opens, s. If there is more time than a gentle slew takes, a rest comes
         first.
         """
         begin = doing.seen_from(opens)
-        motion = self._motion(doing, begin)
+        motion = self._find_motion(doing, begin)
         expect_in_time(doing, motion, self.time)
-        gentle = max(_GENTLE * departure.bound(motion.state), _USUAL)
-        if begin - self.time > gentle + _USUAL and self._wait(doing.activity.name, begin - gentle):
-            departure = replace(departure, craft=self._craft(), state=self.state, time=self.time)
+        gentle = max(_GENTLE_FACTOR * departure.bound(motion.state), _GENTLE_DURATION)
+        if begin - self.time > gentle + _GENTLE_DURATION and self._rest_until(
+            doing.activity.name, begin - gentle
+        ):
+            departure = replace(departure, craft=self._loaded_craft(), state=self.state, time=self.time)
         begun = clock.monotonic()
         slew = departure.in_time(motion.state, begin - self.time)
         self.seconds["slews"] += clock.monotonic() - begun
@@ -424,18 +426,18 @@ class _Day(SoFar):
             )
         return slew, motion
 
-    def _wait(self, name: str, until: float) -> bool:
+    def _rest_until(self, name: str, until: float) -> bool:
         """Rest until a time, s, from which a slew to the activity `name` is gentle.
 
         Returns whether that works.
         """
         try:
-            self._do(Activity(name=name, idle=True, latest=until), listed=False)
+            self._do_activity(Activity(name=name, idle=True, latest=until), listed=False)
         except Refused:
             return False
         return True
 
-    def _motion(self, doing: Doing, begin: float) -> Motion:
+    def _find_motion(self, doing: Doing, begin: float) -> Motion:
         """Return the motion of an activity from `begin`, s, on, and count its computation time."""
         begun = clock.monotonic()
         try:

@@ -30,9 +30,9 @@ from jaxplan.timeline.tracking import State
 from jaxplan.timeline.wheel_momentum import holding, total_in
 from jaxplan.trajectory import Trajectory
 
-_CONE = 2.0  # times the tolerance: half angle of the cone about a target, as a keep-in zone for the proof
-_WIDEST = 0.5  # rad, largest half angle of such a cone
-_PLACES = {
+_CONE_FACTOR = 2.0  # times the tolerance: half angle of the keep-in cone about a target, for the proof
+_MAX_HALF_ANGLE = 0.5  # rad, largest half angle of such a cone
+_STATE_FIELDS = {
     "attitude": "attitude",
     "joints": "joints",
     "angular_velocity": "velocity",
@@ -58,7 +58,7 @@ def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, be
     # directions count alone
     terminals = tuple(replace(one, mask=()) for one in craft.terminals)
     bare = replace(craft, terminals=terminals, wheels=(), torque_limit=None, wheel_momentum_limit=None)
-    half = min(_CONE * float(targets.tolerance), _WIDEST)
+    half = min(_CONE_FACTOR * float(targets.tolerance), _MAX_HALF_ANGLE)
     zones = [
         KeepIn(name=f"target of {name}", direction=path, half_angle=half, devices=(name,))
         for name, path in zip(targets.names(craft), targets.paths, strict=True)
@@ -95,12 +95,12 @@ def certify_part(scene: Scenario, begin: float, trajectory: Trajectory, craft: S
             zone_names=[moved.zones[zone].name for zone in moved.stated.zone if zone >= 0],
             sight_names=moved.sight_names,
             robust=moved.robust,
-            start=None if begin > 0 else _start(scene),
+            start=None if begin > 0 else _start_state(scene),
         )
     )
 
 
-def _start(scene: Scenario) -> EndState:
+def _start_state(scene: Scenario) -> EndState:
     """Return the scene's start in the form that claims have."""
     start = scene.start
     return EndState(
@@ -119,7 +119,7 @@ def jumps_between(before: Trajectory, after: Trajectory) -> dict[str, float]:
     ended, begun = State.of(before, before.duration), State.of(after, 0.0)
     return {
         name: float(np.max(np.abs(getattr(begun, own) - getattr(ended, own)), initial=0.0))
-        for name, own in _PLACES.items()
+        for name, own in _STATE_FIELDS.items()
     }
 
 
@@ -178,7 +178,7 @@ def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificat
     )
 
 
-def _gaps(trajectory: Trajectory, segments: Sequence[Segment]) -> list[str]:
+def _gap_faults(trajectory: Trajectory, segments: Sequence[Segment]) -> list[str]:
     """Return a sentence for each way in which segments fail to cover a trajectory one after the other.
 
     They must begin at breaks of both platform and joints, so that a part can be cut out there.
@@ -219,7 +219,7 @@ def certify_segments(
     asked = {one.name: one for one in timeline.activities}
     total: np.ndarray | None = None
     proofs: list[tuple[float, Trajectory, Certificate]] = []
-    gaps = _gaps(trajectory, segments)
+    gaps = _gap_faults(trajectory, segments)
     faults = [*gaps, *unmet(timeline, trajectory, segments, done, whole=whole)]
     for segment in () if gaps else segments:
         own = curves.part(trajectory, segment.start, segment.end)

@@ -29,11 +29,11 @@ from jaxplan.model.gimbals import TURN, angles_along, in_range
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
-_NEWTON = 12  # most steps of Newton's method; it doubles its digits in each
-_MET = 1e-13  # most error of an equation of unit vectors that counts as met; rounding allows no less
-_ALIKE = 1e-9  # sine of an angle below which the axis of a turn from one direction to another is undefined
-_KEPT = 8  # most sets of instants for which directions are cached
-_FARTHEST = 0.5  # rad, most that a step turns, since equations are linear only near a solution
+_MAX_NEWTON_STEPS = 12  # most steps of Newton's method; it doubles its digits in each
+_EQUATION_TOLERANCE = 1e-13  # most error of an equation of unit vectors; rounding allows no less
+_MIN_SINE = 1e-9  # sine of an angle below which the axis of a turn from one direction to another is undefined
+_MAX_CACHED = 8  # most sets of instants for which directions are cached
+_MAX_STEP_ANGLE = 0.5  # rad, most that a step turns, since equations are linear only near a solution
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +51,7 @@ class Pursuit:
     rows: Constraints
     devices: tuple[int, ...]
     paths: tuple[DirectionPath, ...]
-    _known: dict[bytes, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[bytes, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, craft: Spacecraft, rows: Constraints, targets: Targets | None) -> "Pursuit":
@@ -80,18 +80,18 @@ class Pursuit:
 
     def directions(self, times: np.ndarray) -> np.ndarray:
         """Directions of the targets at times (K,), s: (K, k, 3) inertial unit vectors."""
-        return self._at(times)[0]
+        return self._directions_and_axes(times)[0]
 
-    def _at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _directions_and_axes(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Directions (K, k, 3) of targets and axes (K, Z, 3) of constraints at times (K,), cached."""
         key = times.tobytes()
-        if key not in self._known:
+        if key not in self._cache:
             seen = [np.asarray(as_path(path).at(times)) for path in self.paths]
             directions = np.stack(seen, axis=1) if seen else np.zeros((len(times), 0, 3))
-            if len(self._known) >= _KEPT:
-                self._known.clear()
-            self._known[key] = directions, np.asarray(self.rows.axes(times))
-        return self._known[key]
+            if len(self._cache) >= _MAX_CACHED:
+                self._cache.clear()
+            self._cache[key] = directions, np.asarray(self.rows.axes(times))
+        return self._cache[key]
 
     def residuals(self, attitudes: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the equations that targets impose on attitudes; zero means that all devices can point.
@@ -130,17 +130,17 @@ class Pursuit:
         turned = np.asarray(attitudes, float)
         if not self.equations:
             return turned
-        turned = self._turned_about(turned, times)
-        for _ in range(_NEWTON):
+        turned = self._turn_toward_target(turned, times)
+        for _ in range(_MAX_NEWTON_STEPS):
             value, slope = self.residuals(turned, times)
-            if np.all(np.abs(value) <= _MET):
+            if np.all(np.abs(value) <= _EQUATION_TOLERANCE):
                 break
             step = -(np.linalg.pinv(slope, rcond=1e-9) @ value[..., None])[..., 0]
             size = np.linalg.norm(step, axis=-1, keepdims=True)
-            turned = turned @ so3.exp(step * np.minimum(1, _FARTHEST / np.maximum(size, 1e-300)))
+            turned = turned @ so3.exp(step * np.minimum(1, _MAX_STEP_ANGLE / np.maximum(size, 1e-300)))
         return turned
 
-    def _turned_about(self, attitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
+    def _turn_toward_target(self, attitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Turn attitudes (K, 3, 3) until the first instrument with a target points there, if it is far off.
 
         Its equations hold with its back to the target, too, so Newton's method might turn it that way.
@@ -154,9 +154,9 @@ class Pursuit:
         axis, cosine = np.cross(boresight, seen), seen @ boresight
         sine = np.linalg.norm(axis, axis=1)
         across = np.linalg.svd(boresight[None])[2][1]
-        axis = np.where(sine[:, None] > _ALIKE, axis / np.maximum(sine, _ALIKE)[:, None], across)
+        axis = np.where(sine[:, None] > _MIN_SINE, axis / np.maximum(sine, _MIN_SINE)[:, None], across)
         angle = np.arctan2(sine, cosine)
-        turn = so3.exp(np.where(angle > _FARTHEST, angle, 0.0)[:, None] * axis)
+        turn = so3.exp(np.where(angle > _MAX_STEP_ANGLE, angle, 0.0)[:, None] * axis)
         return np.asarray(attitudes @ turn)
 
     def joints(self, attitudes: np.ndarray, times: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -197,7 +197,7 @@ class Pursuit:
         rows, sights = self.rows, self.sights
         seen = sights.in_body(joints)
         values = joint_values(rows, sights.gimbals, joints) if rows.inner else None
-        axes = axes_in_body(rows, self._at(times)[1] @ attitudes, seen)
+        axes = axes_in_body(rows, self._directions_and_axes(times)[1] @ attitudes, seen)
         table = pair_margins(rows, seen, axes, values)
         row, sight = np.nonzero(rows.bound & rows.single[:, None])
         groups = np.flatnonzero((rows.group == np.arange(len(rows.group))) & ~rows.single)

@@ -21,7 +21,7 @@ from jaxplan.timeline.interruptions import Interruption, interruptions
 from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
 
-_HEAD = ("activity", "start s", "end s", "slew s", "error deg", "status")
+_TABLE_HEAD = ("activity", "start s", "end s", "slew s", "error deg", "status")
 # What a user of a timeline may change, where that is not what one of a single manoeuvre may.
 _ADVICE = {
     Status.INVALID_GOAL: (
@@ -217,7 +217,7 @@ class TimelinePlan:
             "name": self.timeline.name,
             "status": self.status.name,
             "message": self.message,
-            "activities": [_summary(one) for one in self.activities],
+            "activities": [_activity_summary(one) for one in self.activities],
             "segments": [
                 {"name": one.name, "kind": one.kind, "start_s": one.start, "end_s": one.end}
                 for one in self.segments
@@ -229,12 +229,12 @@ class TimelinePlan:
                     "after": one.after,
                     "start_s": one.start,
                     "end_s": one.end,
-                    "off_deg": _degrees(one.off),
+                    "off_deg": _to_degrees(one.off),
                 }
                 for one in self.interruptions
             ],
             "duration_s": None if self.trajectory is None else self.trajectory.duration,
-            "pointing_error_deg": _degrees(self.pointing_error),
+            "pointing_error_deg": _to_degrees(self.pointing_error),
             **report_summary(self.certificate),
             "timings_s": dict(self.timings),
         }
@@ -246,17 +246,17 @@ class TimelinePlan:
         cells = [
             (
                 one.name,
-                _cell(one.start, ".2f"),
-                _cell(one.end, ".2f"),
-                _cell(one.slew, ".2f"),
-                _cell(None if one.pointing_error is None else np.rad2deg(one.pointing_error), ".1e"),
+                _format_cell(one.start, ".2f"),
+                _format_cell(one.end, ".2f"),
+                _format_cell(one.slew, ".2f"),
+                _format_cell(None if one.pointing_error is None else np.rad2deg(one.pointing_error), ".1e"),
                 one.status.name,
             )
             for one in self.activities
         ]
         cells += [("not tried", "", "", "", "", ", ".join(left))] * bool(left)
-        head, *lines = in_columns([_HEAD, *cells], "<>>>><")
-        below = " " * (2 + max(len(row[0]) for row in (_HEAD, *cells)))
+        head, *lines = in_columns([_TABLE_HEAD, *cells], "<>>>><")
+        below = " " * (2 + max(len(row[0]) for row in (_TABLE_HEAD, *cells)))
         messages = [*(one.message for one in self.activities), *[""] * bool(left)]
         told = [
             [line, *[below + message] * bool(message)] for line, message in zip(lines, messages, strict=True)
@@ -298,7 +298,7 @@ def load_timeline_plan(path: str | os.PathLike[str]) -> TimelinePlan:
     )
 
 
-def _summary(one: PlannedActivity) -> dict[str, Any]:
+def _activity_summary(one: PlannedActivity) -> dict[str, Any]:
     """Return what became of an activity as a dict in the units of files."""
     return {
         "name": one.name,
@@ -308,16 +308,16 @@ def _summary(one: PlannedActivity) -> dict[str, Any]:
         "start_s": one.start,
         "end_s": one.end,
         "slew_s": one.slew,
-        "pointing_error_deg": _degrees(one.pointing_error),
+        "pointing_error_deg": _to_degrees(one.pointing_error),
     }
 
 
-def _degrees(angle: float | None) -> float | None:
+def _to_degrees(angle: float | None) -> float | None:
     """Convert an angle from rad to degrees; None for None, and for infinity, which JSON cannot write."""
     return None if angle is None or not np.isfinite(angle) else float(np.rad2deg(angle))
 
 
-def _cell(value: float | None, form: str) -> str:
+def _format_cell(value: float | None, form: str) -> str:
     """Return a number as text in the given format; a dash for None."""
     return "-" if value is None else f"{value:{form}}"
 

@@ -32,11 +32,11 @@ def first_again(timeline: Timeline, kept: TimelinePlan, name: str) -> int:
     first = names.index(name)
     if [one.name for one in kept.activities[:first]] != names[:first]:
         raise ValueError(f"after: the activities before {name} are not those of the timeline")
-    _expect_the_same(timeline, kept, names[:first])
+    _expect_unchanged(timeline, kept, names[:first])
     return first
 
 
-def _expect_the_same(timeline: Timeline, kept: TimelinePlan, names: Sequence[str]) -> None:
+def _expect_unchanged(timeline: Timeline, kept: TimelinePlan, names: Sequence[str]) -> None:
     """Raise ValueError if the start, or an activity of these names, differs from that in a kept plan."""
     were, are = ({one.name: one for one in own.activities} for own in (kept.timeline, timeline))
     for own in names:

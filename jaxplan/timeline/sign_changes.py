@@ -12,10 +12,10 @@ import numpy as np
 Values: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From times (k,) s and numbers of columns (k,) to the values (k,) of these columns then."""
 
-_PARTS = 8  # number of parts into which the span about a change of sign, or an extremum, is cut in each round
-_ROUNDS = 11  # of cutting: from 60 s to 7e-9 s at a change, to 1e-5 s at an extremum, which keeps two parts
-_FAR = 1e9  # stands for values that are not finite
-_DEEP = 2.0  # times the larger step to its neighbours: most by which a function may dip below a sample
+_PARTS_PER_ROUND = 8  # into which the span about a change of sign, or an extremum, is cut
+_CUT_ROUNDS = 11  # from 60 s to 7e-9 s at a change, to 1e-5 s at an extremum, which keeps two parts
+_INFINITY_STAND_IN = 1e9  # stands for values that are not finite
+_MAX_DIP = 2.0  # times the larger step to its neighbours: most by which a function may dip below a sample
 
 
 class Changes(NamedTuple):
@@ -43,29 +43,29 @@ def changes(table: np.ndarray, times: np.ndarray, values: Values) -> Changes:
     Returns:
         The changes, to 1e-6 s, sorted by column, then by time. Zero counts as positive.
     """
-    known = np.where(np.isfinite(table), table, _FAR)
+    known = np.where(np.isfinite(table), table, _INFINITY_STAND_IN)
     negative = known < 0
     place, column = np.nonzero(negative[1:] != negative[:-1])
     low, high, columns = times[place], times[place + 1], column
     below = negative[place, column]
-    found, found_at, extreme = _turned(known, times, values)
+    found, found_at, extreme = _find_crossing_extrema(known, times, values)
     if len(found):
         low = np.concatenate([low, times[extreme - 1], found])
         high = np.concatenate([high, found, times[extreme + 1]])
         columns = np.concatenate([columns, found_at, found_at])
         first, last = negative[extreme - 1, found_at], ~negative[extreme, found_at]
         below = np.concatenate([below, first, last])
-    for _ in range(_ROUNDS if len(columns) else 0):
-        inner = _inner(low, high)
-        same = (_at(inner, columns, values) < 0) == below[:, None]
-        place = np.where(np.all(same, axis=1), _PARTS - 1, np.argmin(same, axis=1))[:, None]
+    for _ in range(_CUT_ROUNDS if len(columns) else 0):
+        inner = _cut_times(low, high)
+        same = (_column_values(inner, columns, values) < 0) == below[:, None]
+        place = np.where(np.all(same, axis=1), _PARTS_PER_ROUND - 1, np.argmin(same, axis=1))[:, None]
         edges = np.concatenate([low[:, None], inner, high[:, None]], axis=1)
         low, high = (np.take_along_axis(edges, place + side, axis=1)[:, 0] for side in (0, 1))
     order = np.lexsort((low, columns))
     return Changes(times=((low + high) / 2)[order], columns=columns[order], rising=below[order])
 
 
-def _turned(
+def _find_crossing_extrema(
     table: np.ndarray, times: np.ndarray, values: Values
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find extrema that have the other sign than the samples around them.
@@ -77,18 +77,18 @@ def _turned(
     sign = np.where(middle < 0, -1.0, 1.0)
     alike = (np.sign(before) * sign >= 0) & (np.sign(after) * sign >= 0)
     turning = alike & (sign * middle <= sign * before) & (sign * middle <= sign * after)
-    turning &= middle < _FAR
+    turning &= middle < _INFINITY_STAND_IN
     steps = np.maximum(np.abs(before - middle), np.abs(after - middle))
-    turning &= np.abs(middle) < _DEEP * steps  # else it cannot come to zero between
+    turning &= np.abs(middle) < _MAX_DIP * steps  # else it cannot come to zero between
     place, column = np.nonzero(turning)
     side = sign[place, column]
-    where = _least(times[place], times[place + 2], column, side, values)
+    where = _minimize_columns(times[place], times[place + 2], column, side, values)
     own = values(where, column) if len(where) else np.zeros(0)
     other = (own < 0) != (side < 0)
     return where[other], column[other], place[other] + 1
 
 
-def _least(
+def _minimize_columns(
     low: np.ndarray, high: np.ndarray, columns: np.ndarray, side: np.ndarray, values: Values
 ) -> np.ndarray:
     """Find where columns are least, each between its own two times.
@@ -103,21 +103,21 @@ def _least(
     Returns:
         Times (k,) s.
     """
-    for _ in range(_ROUNDS if len(columns) else 0):
-        inner = _inner(low, high)
-        place = np.argmin(side[:, None] * _at(inner, columns, values), axis=1)[:, None]
+    for _ in range(_CUT_ROUNDS if len(columns) else 0):
+        inner = _cut_times(low, high)
+        place = np.argmin(side[:, None] * _column_values(inner, columns, values), axis=1)[:, None]
         edges = np.concatenate([low[:, None], inner, high[:, None]], axis=1)
         low, high = (np.take_along_axis(edges, place + end, axis=1)[:, 0] for end in (0, 2))
     return (low + high) / 2
 
 
-def _inner(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the times (k, _PARTS - 1) that cut the spans from `low` to `high`, (k,) s, into equal parts."""
-    shares = np.arange(1, _PARTS) / _PARTS
+def _cut_times(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return times (k, _PARTS_PER_ROUND - 1) that cut spans from `low` to `high`, (k,) s, in equal parts."""
+    shares = np.arange(1, _PARTS_PER_ROUND) / _PARTS_PER_ROUND
     return low[:, None] + (high - low)[:, None] * shares
 
 
-def _at(times: np.ndarray, columns: np.ndarray, values: Values) -> np.ndarray:
+def _column_values(times: np.ndarray, columns: np.ndarray, values: Values) -> np.ndarray:
     """Return values (k, m) of columns (k,) at times (k, m) s; infinite in place of NaN."""
     found = values(times.ravel(), np.repeat(columns, times.shape[1])).reshape(times.shape)
     return np.where(np.isnan(found), np.inf, found)
@@ -134,7 +134,7 @@ def least(table: np.ndarray, times: np.ndarray, values: Values) -> tuple[np.ndar
     place = np.argmin(known, axis=0) if len(times) else np.zeros(len(columns), int)
     last = len(times) - 1
     low, high = times[np.maximum(place - 1, 0)], times[np.minimum(place + 1, last)]
-    found = _least(low, high, columns, np.ones(len(columns)), values)
+    found = _minimize_columns(low, high, columns, np.ones(len(columns)), values)
     own = values(found, columns) if len(columns) else np.zeros(0)
     own = np.where(np.isnan(own), np.inf, own)
     sampled = known[place, columns]

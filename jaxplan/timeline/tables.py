@@ -22,7 +22,7 @@ def activities_csv(plan: TimelinePlan) -> str:
     Args:
         plan: plan of a timeline, also one that failed.
     """
-    utc = _texts(plan, [time for one in plan.activities for time in (one.start, one.end)])
+    utc = _utc_texts(plan, [time for one in plan.activities for time in (one.start, one.end)])
     rows = [
         (
             one.name,
@@ -39,7 +39,7 @@ def activities_csv(plan: TimelinePlan) -> str:
         for one in plan.activities
     ]
     names = "name kind status start_s end_s start_utc end_utc slew_s pointing_error_deg message"
-    return _text(names.split(), rows)
+    return _csv_text(names.split(), rows)
 
 
 def segments_csv(plan: TimelinePlan) -> str:
@@ -48,9 +48,9 @@ def segments_csv(plan: TimelinePlan) -> str:
     Args:
         plan: plan of a timeline, also one that failed.
     """
-    utc = _texts(plan, [time for one in plan.segments for time in (one.start, one.end)])
+    utc = _utc_texts(plan, [time for one in plan.segments for time in (one.start, one.end)])
     rows = [(one.name, one.kind, one.start, one.end, utc[one.start], utc[one.end]) for one in plan.segments]
-    return _text(["name", "kind", "start_s", "end_s", "start_utc", "end_utc"], rows)
+    return _csv_text(["name", "kind", "start_s", "end_s", "start_utc", "end_utc"], rows)
 
 
 def interruptions_csv(plan: TimelinePlan) -> str:
@@ -60,7 +60,7 @@ def interruptions_csv(plan: TimelinePlan) -> str:
         plan: plan of a timeline, also one that failed.
     """
     found = plan.interruptions
-    utc = _texts(plan, [time for one in found for time in (one.start, one.end)])
+    utc = _utc_texts(plan, [time for one in found for time in (one.start, one.end)])
     rows = [
         (
             one.device,
@@ -76,7 +76,7 @@ def interruptions_csv(plan: TimelinePlan) -> str:
         for one in found
     ]
     names = "device before after start_s end_s start_utc end_utc duration_s off_deg"
-    return _text(names.split(), rows)
+    return _csv_text(names.split(), rows)
 
 
 def events_csv(plan: TimelinePlan) -> str:
@@ -86,10 +86,10 @@ def events_csv(plan: TimelinePlan) -> str:
         plan: plan of a timeline, also one that failed.
     """
     names, *rows = event_rows(events(plan), plan.scene.epoch)
-    return _text(names, rows)
+    return _csv_text(names, rows)
 
 
-def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | None, str]:
+def _utc_texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | None, str]:
     """Return UTC texts of times, s, as a dict by time; texts are empty for None and without an epoch."""
     known = [time for time in times if time is not None]
     epoch = plan.scene.epoch
@@ -98,7 +98,7 @@ def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | No
     return {None: ""} | dict(zip(known, utc_stamps(epoch, known), strict=True))
 
 
-def _text(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def _csv_text(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return rows as comma-separated text below a line of names."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")

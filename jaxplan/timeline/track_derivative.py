@@ -51,7 +51,7 @@ from jaxplan.timeline.motions import SLEW_TIME, Motion
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import State
 
-_STEPS = 4  # of Newton's method, which starts at the optimum of the plan
+_NEWTON_STEPS = 4  # of Newton's method, which starts at the optimum of the plan
 
 
 @jax.tree_util.register_dataclass
@@ -111,30 +111,30 @@ def ends_of(track: Track) -> tuple[State, State]:
     """
     first, last = (
         replace(State.still(attitude, joints), velocity=velocity, rates=rates)
-        for attitude, joints, velocity, rates in _ends(track)
+        for attitude, joints, velocity, rates in _end_states(track)
     )
     return first, last
 
 
 @quick_jit
-def _ends(track: Track) -> list[Any]:
+def _end_states(track: Track) -> list[Any]:
     """Attitude, joints, angular velocity and joint rates at begin and end of a motion of least energy."""
-    count, asked = len(track.attitudes), _asked(track, track.attitudes, _times(track, len(track.attitudes)))
+    count, asked = len(track.attitudes), _misfits(track, track.attitudes, _times(track, len(track.attitudes)))
     moved = (3 + len(track.free)) * count
     guess = jnp.zeros(moved + asked.size + _kept_count(track))
-    turns, freed = _unknowns(track, implicit_root(_EQUATIONS, track, guess)[:moved])
+    turns, freed = _split_unknowns(track, implicit_root(_OPTIMALITY, track, guess)[:moved])
     attitudes = track.attitudes @ so3.exp(turns)
     for edges in track.edges:
-        attitudes = _met(track, _finer(attitudes, edges))
-        freed = jnp.asarray(_twice(len(freed))) @ freed
+        attitudes = _meet_targets(track, _double_attitudes(attitudes, edges))
+        freed = jnp.asarray(_doubling_matrix(len(freed))) @ freed
     times = _times(track, len(attitudes))
-    joints = _joints(track, attitudes, times, freed)
-    step, by_joints = times[1] - times[0], _end_slopes(len(times))
+    joints = _pointing_joints(track, attitudes, times, freed)
+    step, by_joints = times[1] - times[0], _end_derivative_matrix(len(times))
     return [
         (
             attitudes[node],
             joints[node],
-            _derivatives(attitudes, node)[0] / step,
+            _turn_derivatives(attitudes, node)[0] / step,
             by_joints[place] @ (joints - joints[:1]) / step,
         )
         for place, node in enumerate((0, len(times) - 1))
@@ -146,7 +146,7 @@ def _kept_count(track: Track) -> int:
     return len(track.leaning.node) + len(track.leaning.rate) + len(track.rooms)
 
 
-def _unknowns(track: Track, moved: Array) -> tuple[Array, Array]:
+def _split_unknowns(track: Track, moved: Array) -> tuple[Array, Array]:
     """Turns (K + 1, 3) rad of nodes and their free joints (K + 1, f) rad, from a vector of unknowns."""
     count = len(track.attitudes)
     turns, shifts = moved[: 3 * count].reshape(count, 3), moved[3 * count :].reshape(count, len(track.free))
@@ -158,14 +158,14 @@ def _times(track: Track, count: int) -> Array:
     return track.begin + (track.end - track.begin) * jnp.linspace(0.0, 1.0, count)
 
 
-def _seen(track: Track, attitudes: Array, times: Array) -> Array:
+def _targets_in_body(track: Track, attitudes: Array, times: Array) -> Array:
     """Directions of targets in body axes, (count, k, 3)."""
     if not track.paths:
         return jnp.zeros((len(times), 0, 3))
     return jnp.stack([path.at(times) for path in track.paths], axis=1) @ attitudes
 
 
-def _joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array:
+def _pointing_joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array:
     """Joints (count, J) rad with which devices point at their targets; `freed` (count, f) are free ones."""
     gimbals = track.craft.gimbals
     found = jnp.tile(jnp.asarray(track.joints), (len(times), 1)).at[:, np.array(track.free, int)].set(freed)
@@ -173,7 +173,7 @@ def _joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array
     if not places:
         return found
     numbers = np.array([track.devices[place] for place in places])
-    seen = _seen(track, attitudes, times)[:, np.array(places)]
+    seen = _targets_in_body(track, attitudes, times)[:, np.array(places)]
     azimuth, elevation = angles_along(jnp.asarray(gimbals.frames)[numbers], seen)
     yaws = gimbals.yaws[numbers]
     azimuth = jnp.unwrap(azimuth, axis=0)
@@ -183,10 +183,10 @@ def _joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array
     return found.at[:, gimbals.pitches[numbers[lifting]]].set(elevation[:, lifting])
 
 
-def _asked(track: Track, attitudes: Array, times: Array) -> Array:
+def _misfits(track: Track, attitudes: Array, times: Array) -> Array:
     """Values (count, m) of the equations that targets impose on attitudes, see `Pursuit.residuals`."""
     gimbals, craft = track.craft.gimbals, track.craft
-    seen, found = _seen(track, attitudes, times), [jnp.zeros((len(times), 0))]
+    seen, found = _targets_in_body(track, attitudes, times), [jnp.zeros((len(times), 0))]
     for place, number in enumerate(track.devices):
         if number >= gimbals.count:
             boresight = jnp.asarray(craft.fixed_boresights)[number - gimbals.count]
@@ -199,16 +199,16 @@ def _asked(track: Track, attitudes: Array, times: Array) -> Array:
     return jnp.concatenate(found, axis=1)
 
 
-def _met(track: Track, attitudes: Array) -> Array:
+def _meet_targets(track: Track, attitudes: Array) -> Array:
     """Attitudes (count, 3, 3) at which targets are met, by two Newton steps from where they nearly are."""
     times = _times(track, len(attitudes))
     for _ in range(2):
-        value = _asked(track, attitudes, times)
+        value = _misfits(track, attitudes, times)
         if not value.size:
             break
 
         def one(turn: Array, attitude: Array, time: Array) -> Array:
-            return _asked(track, (attitude @ so3.exp(turn))[None], time[None])[0]
+            return _misfits(track, (attitude @ so3.exp(turn))[None], time[None])[0]
 
         slope = jax.vmap(jax.jacfwd(one))(jnp.zeros((len(times), 3)), attitudes, times)
         across = jnp.swapaxes(slope, 1, 2)
@@ -217,7 +217,7 @@ def _met(track: Track, attitudes: Array) -> Array:
     return attitudes
 
 
-def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes: Array) -> Array:
+def _lagrangian(track: Track, turns: Array, freed: Array, multipliers: Array, pushes: Array) -> Array:
     """Lagrangian of the problem: energy, price of missing room, and constraints times their multipliers.
 
     Args:
@@ -229,7 +229,7 @@ def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes
     """
     times = _times(track, len(turns))
     attitudes = track.attitudes @ so3.exp(turns)
-    joints = _joints(track, attitudes, times, freed)
+    joints = _pointing_joints(track, attitudes, times, freed)
     step, (rate, acceleration) = times[1] - times[0], track.weights
     turned = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     change = jnp.concatenate([turned, jnp.diff(joints, axis=0)], axis=1)
@@ -239,21 +239,21 @@ def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes
     if track.attitude is not None:
         away = so3.log(track.attitude.T @ attitudes[0])
         energy += rate / SLEW_TIME * (jnp.sum(away**2) + jnp.sum((joints[0] - track.joints) ** 2))
-    energy += wish_weight(rate, step) * _missed(track, attitudes, joints, times)
+    energy += wish_weight(rate, step) * _wish_misses(track, attitudes, joints, times)
     low, high = jnp.asarray(track.craft.joint_ranges).T
     left, leaning = jnp.concatenate([joints - low, high - joints], axis=1), track.leaning
     price = jnp.sum(jnp.where(leaning.price > 0, leaning.price * left, 0.0))
     kept = left[leaning.node, leaning.row] - leaning.room
     if len(leaning.rate):
-        kept = jnp.concatenate([kept, _spare(track, turned, change, step)])
+        kept = jnp.concatenate([kept, _rate_room(track, turned, change, step)])
     if track.rows is not None:
         price += track.prices @ _margins(track, track.rows, attitudes, joints, track.narrow)
         near = _margins(track, track.rows, attitudes, joints, track.pairs) - track.rooms
         kept = jnp.concatenate([kept, near])
-    return energy / 2 - price + pushes @ kept + jnp.sum(multipliers * _asked(track, attitudes, times))
+    return energy / 2 - price + pushes @ kept + jnp.sum(multipliers * _misfits(track, attitudes, times))
 
 
-def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
+def _rate_room(track: Track, turned: Array, change: Array, step: Array) -> Array:
     """Room (r,) rad that is left to the r changes between nodes that are at their bounds.
 
     Args:
@@ -288,7 +288,7 @@ def _margins(track: Track, rows: Constraints, attitudes: Array, joints: Array, p
     return margins
 
 
-def _missed(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
+def _wish_misses(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
     """Sum of the squared chords between where devices with wishes look and what they prefer."""
     gimbals, missed = track.craft.gimbals, jnp.asarray(0.0)
     for device, path in zip(track.wishing, track.wishes, strict=True):
@@ -302,14 +302,14 @@ def _missed(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
 
 
 def _gradient(track: Track, z: Array) -> Array:
-    """Derivative of `_energy` by the vector ``z`` of turns, free joints and multipliers."""
+    """Derivative of `_lagrangian` by the vector ``z`` of turns, free joints and multipliers."""
     count, leant = len(track.attitudes), _kept_count(track)
     moved = (3 + len(track.free)) * count
 
     def energy(own: Array) -> Array:
-        turns, freed = _unknowns(track, own[:moved])
+        turns, freed = _split_unknowns(track, own[:moved])
         more = own[moved : len(z) - leant].reshape(count, -1)
-        return _energy(track, turns, freed, more, own[len(z) - leant :])
+        return _lagrangian(track, turns, freed, more, own[len(z) - leant :])
 
     return jax.grad(energy)(z)
 
@@ -319,44 +319,44 @@ def _factors(track: Track, z: Array) -> Any:
     return jax.scipy.linalg.lu_factor(jax.jacfwd(partial(_gradient, track))(z))
 
 
-_EQUATIONS = Equations(
-    residual=_gradient, factor=_factors, solve=jax.scipy.linalg.lu_solve, steps=_STEPS, tolerance=1e-13
+_OPTIMALITY = Equations(
+    residual=_gradient, factor=_factors, solve=jax.scipy.linalg.lu_solve, steps=_NEWTON_STEPS, tolerance=1e-13
 )
 
 
-def _derivatives(attitudes: Array, node: int) -> tuple[Array, Array]:
+def _turn_derivatives(attitudes: Array, node: int) -> tuple[Array, Array]:
     """First and second derivative (3,) of body-axis turns at a node, per interval between nodes."""
     own = curves.around(len(attitudes), node)
     turns = so3.log(attitudes[node].T @ attitudes[own])
-    first, second = _around_slopes(len(turns), node - own.start)
+    first, second = _derivative_weights(len(turns), node - own.start)
     return first @ turns, second @ turns
 
 
 @cache
-def _around_slopes(count: int, node: int) -> tuple[np.ndarray, np.ndarray]:
+def _derivative_weights(count: int, node: int) -> tuple[np.ndarray, np.ndarray]:
     """Vectors (count,) from values at nodes to their first two derivatives at one, per interval."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(node, 1)), np.asarray(spline(node, 2))
 
 
-def _finer(attitudes: Array, edges: tuple[int, ...]) -> Array:
+def _double_attitudes(attitudes: Array, edges: tuple[int, ...]) -> Array:
     """Attitudes (2 K + 1, 3, 3) of the curve through K + 1 nodes, whose charts end at nodes `edges`."""
     found = []
     for first, last in pairwise(edges):
         own = so3.log(attitudes[first].T @ attitudes[first : last + 1])
         ends = []
         for place, node in ((0, first), (-1, last)):
-            velocity, bend = _derivatives(attitudes, node)
+            velocity, bend = _turn_derivatives(attitudes, node)
             tangent = so3.right_jacobian(own[place])
             rate = jnp.linalg.solve(tangent, velocity)
             ends += [rate, jnp.linalg.solve(tangent, bend - so3.right_jacobian_rate(own[place], rate) @ rate)]
-        between = _halfway(last - first) @ jnp.concatenate([own, jnp.stack(ends)])
+        between = _chart_doubling_matrix(last - first) @ jnp.concatenate([own, jnp.stack(ends)])
         found.append(attitudes[first] @ so3.exp(between[:-1] if last < len(attitudes) - 1 else between))
     return jnp.concatenate(found)
 
 
 @cache
-def _halfway(count: int) -> np.ndarray:
+def _chart_doubling_matrix(count: int) -> np.ndarray:
     """Matrix (2 count + 1, count + 5) from values at nodes, and derivatives at both ends, to finer values."""
     columns = np.eye(count + 5)
     times = np.arange(count + 1.0)
@@ -366,14 +366,14 @@ def _halfway(count: int) -> np.ndarray:
 
 
 @cache
-def _twice(count: int) -> np.ndarray:
+def _doubling_matrix(count: int) -> np.ndarray:
     """Matrix (2 count - 1, count) from values at nodes to values at nodes twice as close."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(np.linspace(0.0, count - 1.0, 2 * count - 1)))
 
 
 @cache
-def _end_slopes(count: int) -> np.ndarray:
+def _end_derivative_matrix(count: int) -> np.ndarray:
     """Matrix (2, count) from values at nodes to the derivatives at both ends, per interval."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(np.array([0.0, count - 1.0]), 1))
@@ -393,7 +393,7 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
     if leaning.too_fast:
         raise ValueError("while devices follow targets a rate is nearly beyond its limit: raise that limit")
     near, narrow = leaning.row >= ranges, np.argwhere(leaning.price[:, ranges:] > 0)
-    pairs = _pairs(pursuit, nodes, np.stack([leaning.node, leaning.row - ranges], axis=1)[near])
+    pairs = _deciding_pairs(pursuit, nodes, np.stack([leaning.node, leaning.row - ranges], axis=1)[near])
     leant = bool(np.any(near)) or len(narrow) > 0
     edges, intervals = [], len(nodes.times) - 1
     count = len(curve.joint_breaks) - 1 + curves.DEGREE  # intervals and a node more
@@ -423,7 +423,7 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
         rows=rows if leant else None,
         pairs=pairs,
         rooms=leaning.room[near],
-        narrow=_pairs(pursuit, nodes, narrow),
+        narrow=_deciding_pairs(pursuit, nodes, narrow),
         prices=leaning.price[:, ranges:][tuple(narrow.T)],
         devices=pursuit.devices,
         free=tracked.free,
@@ -432,7 +432,7 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
     )
 
 
-def _pairs(pursuit: Pursuit, nodes: Nodes, places: np.ndarray) -> np.ndarray:
+def _deciding_pairs(pursuit: Pursuit, nodes: Nodes, places: np.ndarray) -> np.ndarray:
     """Return the (node, row, sight), (p, 3), that decide on margins of `Pursuit.margins`.
 
     Args:

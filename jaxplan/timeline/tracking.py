@@ -24,19 +24,19 @@ from jaxplan.timeline.least_energy import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory import Samples, Trajectory
 
-_FEWEST, _MOST = 12, 240  # least and largest number of intervals between the nodes of least energy
-_LONGEST = 120.0  # s, most time between nodes, unless that takes more intervals than `_MOST`
-_TURN = np.deg2rad(4.0)  # rad, most that a target turns between nodes, likewise
-_FINEST = 4096  # intervals of the curve, beyond which it is not refined
-_PART = 0.05  # fraction of the tolerance by which a device may be off its target between nodes
-_BETWEEN = 4  # instants looked at in each interval
-_ASIDE = 0.2  # rad, by which a first guess is turned to give way to a zone that comes head-on
-_FINE = 8  # steps from node to node in which attitudes are carried along
-_ROUNDING = 1e-11  # rad/s or rad/s^2; smaller derivatives are set to zero, so that rest stays rest
-_DRAWN = 64  # number of random attitudes among which those with the most room are sought
-_GLANCES = 33  # number of instants at which their room is computed
-_FEW = 65  # number of instants at which rates, accelerations and loads are sampled
-_PLACES = 64  # number of instants at which it is measured how far targets turn
+_MIN_INTERVALS, _MAX_INTERVALS = 12, 240  # number of intervals between the nodes of least energy
+_MAX_INTERVAL_TIME = 120.0  # s, most time between nodes, unless that takes more than `_MAX_INTERVALS`
+_MAX_INTERVAL_TURN = np.deg2rad(4.0)  # rad, most that a target turns between nodes, likewise
+_MAX_CURVE_INTERVALS = 4096  # intervals of the curve, beyond which it is not refined
+_TOLERANCE_SHARE = 0.05  # fraction of the tolerance by which a device may be off its target between nodes
+_SAMPLES_BETWEEN = 4  # instants looked at in each interval
+_ASIDE_ANGLE = 0.2  # rad, by which a first guess is turned to give way to a zone that comes head-on
+_CARRY_STEPS = 8  # steps from node to node in which attitudes are carried along
+_REST_TOLERANCE = 1e-11  # rad/s or rad/s^2; smaller derivatives are set to zero, so that rest stays rest
+_RANDOM_ATTITUDES = 64  # number of random attitudes among which those with the most room are sought
+_ROOM_INSTANTS = 33  # number of instants at which their room is computed
+_LOAD_SAMPLES = 65  # number of instants at which rates, accelerations and loads are sampled
+_TURN_SAMPLES = 64  # number of instants at which it is measured how far targets turn
 
 
 @shown("attitude", "joints deg", "velocity deg/s", "rates deg/s")
@@ -66,7 +66,7 @@ class State:
         at = trajectory.sample(time)
 
         def clean(derivative: np.ndarray) -> np.ndarray:
-            return np.where(np.abs(derivative) <= _ROUNDING, 0.0, derivative)
+            return np.where(np.abs(derivative) <= _REST_TOLERANCE, 0.0, derivative)
 
         return cls(
             attitude=at.attitude,
@@ -148,47 +148,47 @@ def track(
     Returns:
         The motion, which may violate something: see `Tracked.depth`.
     """
-    times = np.linspace(start, end, _intervals(pursuit, start, end) + 1)
+    times = np.linspace(start, end, _count_intervals(pursuit, start, end) + 1)
     search = LeastMotion(pursuit, wanted, free)
     if len(guess) >= len(times):  # an earlier answer, perhaps with more nodes
         times = np.linspace(start, end, len(guess))
         guesses = [guess]
     else:
-        guesses = [make(pursuit, guess[0], times) for make in (_still, _carried)]
+        guesses = [make(pursuit, guess[0], times) for make in (_follow_minimally, _carry_along)]
         guesses.sort(key=lambda one: search.price(search.first(times, one, wanted.joints)))
     best: Tracked | None = None
     for one in guesses:
-        best = _better(best, _found(search, times, one, tolerance))
+        best = _choose_better(best, _solve_from_guess(search, times, one, tolerance))
         if np.max(best.broken) <= 0:
             break
     assert best is not None
     if np.max(best.broken) <= 0 < best.between:  # nodes give way to both sides of what comes head-on
-        for one in _aside(best.nodes):
-            best = _better(best, _found(search, times, one, tolerance))
+        for one in _turn_aside(best.nodes):
+            best = _choose_better(best, _solve_from_guess(search, times, one, tolerance))
             if best.depth <= (0.0, 0.0):
                 break
-    return _refined(search, best, tolerance)
+    return _refine_nodes(search, best, tolerance)
 
 
-def _refined(search: LeastMotion, found: Tracked, tolerance: float) -> Tracked:
+def _refine_nodes(search: LeastMotion, found: Tracked, tolerance: float) -> Tracked:
     """Double the nodes of a motion while the nodes keep everything and the curve between does not."""
-    while found.depth[0] <= 0 < found.depth[1] and 2 * (len(found.nodes.times) - 1) <= _MOST:
+    while found.depth[0] <= 0 < found.depth[1] and 2 * (len(found.nodes.times) - 1) <= _MAX_INTERVALS:
         first, last = found.nodes.times[[0, -1]]
         times = np.linspace(first, last, 2 * len(found.nodes.times) - 1)
         guess = found.trajectory.sample(np.clip(times - first, 0, found.trajectory.duration)).attitude
-        finer = _found(search, times, guess, tolerance)
+        finer = _solve_from_guess(search, times, guess, tolerance)
         if finer.depth >= found.depth:
             break
         found = finer
     return found
 
 
-def _better(best: Tracked | None, found: Tracked) -> Tracked:
+def _choose_better(best: Tracked | None, found: Tracked) -> Tracked:
     """Return the one of two motions that violates less; `best` may be None."""
     return found if best is None or found.depth < best.depth else best
 
 
-def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance: float) -> Tracked:
+def _solve_from_guess(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance: float) -> Tracked:
     """Find the motion of least energy near a first guess (K + 1, 3, 3) at times (K + 1,), s."""
     nodes = search.solve(times, guess, search.wanted.joints)
     return tracked_through(search, nodes, nodes, tolerance)
@@ -196,8 +196,8 @@ def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance:
 
 def tracked_through(search: LeastMotion, nodes: Nodes, through: Nodes, tolerance: float) -> Tracked:
     """Return the motion of some nodes with a curve `through` the same nodes, or through a finer set."""
-    times, curve = nodes.times, _curve(search.pursuit, through, tolerance)
-    between = _between(times)
+    times, curve = nodes.times, _fit_curve(search.pursuit, through, tolerance)
+    between = _times_between(times)
     at = curve.sample(np.clip(between - times[0], 0, curve.duration))
     inner = Nodes(times=between, attitudes=at.attitude, joints=at.joints)
     return Tracked(
@@ -205,13 +205,13 @@ def tracked_through(search: LeastMotion, nodes: Nodes, through: Nodes, tolerance
         nodes=nodes,
         broken=search.broken(nodes),
         between=float(np.max(search.broken(inner))),
-        too_quick=_too_quick(search.pursuit.craft, at) * (times[1] - times[0]),
+        too_quick=_max_rate_excess(search.pursuit.craft, at) * (times[1] - times[0]),
         wanted=search.wanted,
         free=tuple(search.free.tolist()),
     )
 
 
-def _too_quick(craft: Spacecraft, at: Samples) -> float:
+def _max_rate_excess(craft: Spacecraft, at: Samples) -> float:
     """Return by how much rates exceed their limits at most, rad/s; zero if none does."""
     speeds = [
         np.abs(at.angular_velocity) - craft.rate_limit,
@@ -231,7 +231,7 @@ def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarr
         begin: s, in the timeline's times.
         total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
     """
-    times = np.linspace(0.0, motion.duration, _FEW)
+    times = np.linspace(0.0, motion.duration, _LOAD_SAMPLES)
     loads = motion.sample(times).kinematics(craft, total)
     every = [limit for part in timed_limits(craft) for limit in part]
     shares = np.concatenate([np.asarray(limit.shares(loads)) for limit in every])
@@ -244,28 +244,30 @@ def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarr
     )
 
 
-def _between(times: np.ndarray) -> np.ndarray:
+def _times_between(times: np.ndarray) -> np.ndarray:
     """Return some instants, s, inside each interval between times (K + 1,)."""
-    shares = (np.arange(_BETWEEN) + 0.5) / _BETWEEN
+    shares = (np.arange(_SAMPLES_BETWEEN) + 0.5) / _SAMPLES_BETWEEN
     return np.asarray((times[:-1, None] + np.diff(times)[:, None] * shares).ravel())
 
 
-def _aside(nodes: Nodes) -> list[np.ndarray]:
-    """Return attitudes (K + 1, 3, 3) of nodes, all turned by `_ASIDE` about each body axis to either side."""
-    return [nodes.attitudes @ so3.exp(side * _ASIDE * axis) for axis in np.eye(3) for side in (1.0, -1.0)]
+def _turn_aside(nodes: Nodes) -> list[np.ndarray]:
+    """Return attitudes (K + 1, 3, 3) of nodes, turned by `_ASIDE_ANGLE` about body axes to either side."""
+    return [
+        nodes.attitudes @ so3.exp(side * _ASIDE_ANGLE * axis) for axis in np.eye(3) for side in (1.0, -1.0)
+    ]
 
 
-def _intervals(pursuit: Pursuit, start: float, end: float) -> int:
+def _count_intervals(pursuit: Pursuit, start: float, end: float) -> int:
     """Return the number of intervals between nodes that moving targets, or zones, and duration require."""
-    times = np.linspace(start, end, _PLACES)
+    times = np.linspace(start, end, _TURN_SAMPLES)
     # without targets it is zones that ask for a motion
     seen = pursuit.directions(times) if pursuit.devices else np.asarray(pursuit.rows.axes(times))
     turned = np.sum(np.linalg.norm(np.diff(seen, axis=0), axis=-1), axis=0)
-    asked = max(float(np.max(turned, initial=0.0)) / _TURN, (end - start) / _LONGEST)
-    return int(np.clip(np.ceil(asked), _FEWEST, _MOST))
+    asked = max(float(np.max(turned, initial=0.0)) / _MAX_INTERVAL_TURN, (end - start) / _MAX_INTERVAL_TIME)
+    return int(np.clip(np.ceil(asked), _MIN_INTERVALS, _MAX_INTERVALS))
 
 
-def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _follow_minimally(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return attitudes (K + 1, 3, 3) that change only as the targets require, each from the one before."""
     found = np.tile(attitude, (len(times), 1, 1))
     if not pursuit.equations:
@@ -277,7 +279,7 @@ def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndar
 
 def led_back(pursuit: Pursuit, attitude: np.ndarray, start: float, end: float) -> np.ndarray:
     """Return the attitude (1, 3, 3) at `start`, s, from which targets lead to a given one at `end`, s."""
-    return _still(pursuit, attitude, np.linspace(end, start, _FEWEST + 1))[-1:]
+    return _follow_minimally(pursuit, attitude, np.linspace(end, start, _MIN_INTERVALS + 1))[-1:]
 
 
 def roomiest(
@@ -301,11 +303,11 @@ def roomiest(
     if pursuit.equations >= 3:
         return []
     search = LeastMotion(pursuit, Wanted(attitude=None, joints=joints, slew_time=1.0))
-    numbers = np.random.default_rng(seed).normal(size=(_DRAWN, 4))
+    numbers = np.random.default_rng(seed).normal(size=(_RANDOM_ATTITUDES, 4))
     drawn = np.asarray(quaternion.to_matrix(numbers / np.linalg.norm(numbers, axis=1, keepdims=True)))
     found: list[tuple[float, int, np.ndarray]] = []
     for ends in ((start, end), (end, start)):
-        times = np.linspace(*ends, _GLANCES)
+        times = np.linspace(*ends, _ROOM_INSTANTS)
         ways = [drawn]
         for time in times:
             ways.append(pursuit.meeting(ways[-1], np.full(len(drawn), time)))
@@ -316,9 +318,9 @@ def roomiest(
     return [attitude for _, _, attitude in sorted(found)[:count]]
 
 
-def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _carry_along(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return attitudes (K + 1, 3, 3) that turn along with all targets, as far as these turn alike."""
-    fine = np.linspace(times[0], times[-1], _FINE * (len(times) - 1) + 1)
+    fine = np.linspace(times[0], times[-1], _CARRY_STEPS * (len(times) - 1) + 1)
     seen = pursuit.directions(fine)
     if not seen.shape[1]:
         return np.tile(attitude, (len(times), 1, 1))
@@ -328,19 +330,19 @@ def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.nd
     found = [attitude]
     for turn in turns:
         found.append(turn @ found[-1])
-    return np.stack(found[::_FINE])
+    return np.stack(found[::_CARRY_STEPS])
 
 
-def _curve(pursuit: Pursuit, nodes: Nodes, tolerance: float) -> Trajectory:
+def _fit_curve(pursuit: Pursuit, nodes: Nodes, tolerance: float) -> Trajectory:
     """Return the trajectory through nodes, with as many more between as the tolerance (rad) requires."""
     own = nodes
     while True:
         curve = curves.through(own)
         count = len(own.times) - 1
-        between = _between(own.times)
+        between = _times_between(own.times)
         at = curve.sample(np.clip(between - own.times[0], 0, curve.duration))
         off = pursuit.errors(at.attitude, at.joints, between)
-        if np.max(off, initial=0.0) <= _PART * tolerance or 2 * count > _FINEST:
+        if np.max(off, initial=0.0) <= _TOLERANCE_SHARE * tolerance or 2 * count > _MAX_CURVE_INTERVALS:
             return curve
         times = np.linspace(own.times[0], own.times[-1], 2 * count + 1)
         at = curve.sample(np.clip(times - times[0], 0, curve.duration))

@@ -22,7 +22,7 @@ def total_in(craft: Spacecraft, state: State) -> AnyArray | None:
     if not craft.wheels:
         return None
     assert craft.wheel_array is not None
-    return state.attitude @ (_carried(craft, state) + craft.wheel_array.stored)
+    return state.attitude @ (_momentum_without_wheels(craft, state) + craft.wheel_array.stored)
 
 
 def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecraft:
@@ -40,7 +40,7 @@ def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecra
         return craft
     array = craft.wheel_array
     assert array is not None
-    held = state.attitude.T @ total - _carried(craft, state)
+    held = state.attitude.T @ total - _momentum_without_wheels(craft, state)
     xp = array_module(array.axes, held)
     each = xp.linalg.pinv(array.axes.T) @ held
     if craft.allocation == PSEUDO_INVERSE:
@@ -50,7 +50,7 @@ def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecra
     return replace(craft, wheels=wheels)
 
 
-def _carried(craft: Spacecraft, state: State) -> AnyArray:
+def _momentum_without_wheels(craft: Spacecraft, state: State) -> AnyArray:
     """Return the angular momentum (3,), N m s, body axes, of everything but the wheels."""
     motion = Kinematics(
         spin=[state.velocity],

@@ -33,9 +33,9 @@ from jaxplan.tuning.objectives import (
     unit_of_objective,
 )
 
-_LINE = 110  # most characters in a line of names
-_SHARE = 0.01  # fraction of a number by which `effect` lets it grow
-_ROUNDING = 1e-12  # fraction of the largest slope; smaller ones count as zero
+_LINE_WIDTH = 110  # most characters in a line of names
+_EFFECT_SHARE = 0.01  # fraction of a number by which `effect` lets it grow
+_SLOPE_TOLERANCE = 1e-12  # fraction of the largest slope; smaller ones count as zero
 
 
 @shown("name", "value", "unit", "slope", "slope_unit", "effect")
@@ -60,7 +60,7 @@ class Sensitivity:
     @property
     def effect(self) -> float:
         """Change of the measure, in its unit, if the number grows by 1 % of its size, to first order."""
-        return self.slope * abs(self.value) * _SHARE + 0.0  # no minus zero
+        return self.slope * abs(self.value) * _EFFECT_SHARE + 0.0  # no minus zero
 
 
 @shown("measure", "value", "unit")
@@ -124,9 +124,9 @@ class Sensitivities:
         if self.without_effect:
             names = f"and {len(self.without_effect)} whose slope is zero: {', '.join(self.without_effect)}"
             lines += textwrap.wrap(
-                names, _LINE, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+                names, _LINE_WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
             )
-        lines += textwrap.wrap(self.note, _LINE, subsequent_indent="  ")
+        lines += textwrap.wrap(self.note, _LINE_WIDTH, subsequent_indent="  ")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -172,7 +172,7 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     if measure is not None and not isinstance(measure, str):
         raise TypeError(f"measure must be a name, not {type(measure).__name__}")
     if isinstance(plan, TimelinePlan):
-        return _of_day(plan, TOTAL_TIME if measure is None else measure)
+        return _day_sensitivities(plan, TOTAL_TIME if measure is None else measure)
     if measure == TOTAL_TIME:
         raise ValueError(f"measure {TOTAL_TIME!r} is of a timeline's plan, of this one it is 'duration'")
     measure = "effort" if measure is None else measure
@@ -188,20 +188,20 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     with progress_bar("derivatives"), jax.enable_x64(True):
         value, slopes = jax.value_and_grad(lambda own: aim(function(own), own), allow_int=True)(scenario)
     told = measure, sign * float(value), unit_of_objective(measure)
-    return _table(told, numbers_of(plan.scenario), plan.scenario, slopes, sign)
+    return _gather_slopes(told, numbers_of(plan.scenario), plan.scenario, slopes, sign)
 
 
-def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
+def _day_sensitivities(plan: TimelinePlan, measure: str) -> Sensitivities:
     """Compute the slopes of a day's total time by the numbers of its timeline's file."""
     if measure != TOTAL_TIME:
         raise ValueError(f"unknown measure {measure!r} of a timeline's plan: must be {TOTAL_TIME!r}")
     with progress_bar("derivatives of the day"):
         value, slopes, note = day_slopes(plan)
-    told = _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
+    told = _gather_slopes((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
     return replace(told, note=note)
 
 
-def _table(
+def _gather_slopes(
     told: tuple[str, float, str], places: Sequence[NumberPlace], owner: Any, slopes: Any, sign: float = 1.0
 ) -> Sensitivities:
     """Gather slopes into a `Sensitivities`.
@@ -218,9 +218,9 @@ def _table(
         Sensitivity(
             name=place.name,
             value=float(place.get(owner)),
-            unit=_unit(place),
-            slope=sign * _slope(slopes, place.path) * place.factor,
-            slope_unit=_per(unit, _unit(place)),
+            unit=_number_unit(place),
+            slope=sign * _slope_at(slopes, place.path) * place.factor,
+            slope_unit=_slope_unit(unit, _number_unit(place)),
         )
         for place in places
     ]
@@ -229,7 +229,7 @@ def _table(
             f"the slopes of {measure} are no numbers: the plan has no derivatives that are known. One along "
             "other nodes may have some: try a larger trajectory.node_tube_deg, or another search.seed"
         )
-    least = _ROUNDING * max((abs(one.slope) for one in found if np.isfinite(one.slope)), default=0.0)
+    least = _SLOPE_TOLERANCE * max((abs(one.slope) for one in found if np.isfinite(one.slope)), default=0.0)
     some = [one for one in found if not abs(one.slope) <= least]  # a slope that is no number is told, too
     return Sensitivities(
         measure=measure,
@@ -240,17 +240,17 @@ def _table(
     )
 
 
-def _per(measure: str, number: str) -> str:
+def _slope_unit(measure: str, number: str) -> str:
     """Return the unit of a slope from those of a measure and a number; either may be empty."""
     return f"{measure or '1'} per {number}" if number else measure
 
 
-def _unit(place: NumberPlace) -> str:
+def _number_unit(place: NumberPlace) -> str:
     """Return the unit in which the last key of a number's name ends."""
     return unit_of(place.name.rpartition(".")[2].partition("[")[0])
 
 
-def _slope(slopes: Any, path: tuple[str | int | EllipsisType, ...]) -> float:
+def _slope_at(slopes: Any, path: tuple[str | int | EllipsisType, ...]) -> float:
     """Return the slope at a `NumberPlace.path`; the sum over an array for which a single number stands."""
     value = slopes
     for step in path:

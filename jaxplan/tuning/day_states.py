@@ -37,12 +37,12 @@ from jaxplan.timeline.motions import Motion, with_room
 from jaxplan.timeline.track_derivative import Track, ends_of, track_of
 from jaxplan.timeline.tracking import State
 
-_LEAST_ENERGY = "set trajectory.optimal = true, or give it an attitude"
-TARGETS_MOVE = f"its targets, zones or wishes make it move: {_LEAST_ENERGY}"
+_LEAST_ENERGY_ADVICE = "set trajectory.optimal = true, or give it an attitude"
+TARGETS_MOVE = f"its targets, zones or wishes make it move: {_LEAST_ENERGY_ADVICE}"
 """Why a track that moves has no derivatives where its energy is not least."""
-GIVES_WAY = f"it gives way to a zone: {_LEAST_ENERGY}"
+GIVES_WAY = f"it gives way to a zone: {_LEAST_ENERGY_ADVICE}"
 """Why rest that moves has none then."""
-_OPTIMAL = 1e-6  # rad and rad/s, most by which a plan's state may be off the optimum that is differentiated
+_OPTIMUM_TOLERANCE = 1e-6  # rad and rad/s, by which a plan's state may be off the optimum differentiated
 
 
 class When(NamedTuple):
@@ -268,7 +268,7 @@ def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]
         aim = Rested(in_time=False) if still else optimum_at(choice, targets, near)
     turns = tuple(mask.turns for mask in masks(scene.spacecraft))
     found = Following(aim=aim, tracks=tracks, turns=turns)
-    if (off := off_by(found, choice)) <= _OPTIMAL:
+    if (off := off_by(found, choice)) <= _OPTIMUM_TOLERANCE:
         return found
     raise ValueError(f"its motion is off an optimum by {off:.1g}: give it an attitude")
 
@@ -298,7 +298,7 @@ def pointed(choice: Choice, targets: Targets) -> Pointed:
             reason = str(error)
             continue
         own = replace(own, moving=instant and in_time, in_time=in_time)
-        if off_by(own, choice) <= _OPTIMAL:
+        if off_by(own, choice) <= _OPTIMUM_TOLERANCE:
             return own
     raise ValueError(reason)
 
@@ -311,7 +311,7 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
     Raises:
         ValueError: for the doubts of `followed_by`.
     """
-    before, scene = choice.before, _at(choice.departure.scene, choice.begin)
+    before, scene = choice.before, _freeze_zones(choice.departure.scene, choice.begin)
     place = Goal(
         attitude=state.attitude,
         joints=state.joints,
@@ -336,7 +336,7 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
     )
 
 
-def _at(scene: Scenario, time: float) -> Scenario:
+def _freeze_zones(scene: Scenario, time: float) -> Scenario:
     """Return a scene whose moving zones stand still where they are at `time`, s."""
 
     def still(zones: Any) -> Any:

@@ -52,9 +52,9 @@ from jaxplan.tuning.day_states import (
     pointed,
 )
 
-_SAME = 1e-6  # s, most by which times of a plan that was read, and of the same plan made anew, may differ
-_STAYS = 1e-9  # rad, most by which a state that counts as held may change
-_NEAR = 0.01  # fraction of a shortest motion's time by which the optimum near it may differ
+_TIME_TOLERANCE = 1e-6  # s, by which times of a plan that was read, and of that plan made anew, may differ
+_STATE_TOLERANCE = 1e-9  # rad, most by which a state that counts as held may change
+_OPTIMUM_TOLERANCE = 0.01  # fraction of a shortest motion's time by which the optimum near it may differ
 TOTAL_TIME = "total_time"
 """What can be asked of a day: s, from its start to the end of the last activity, no rest after it."""
 
@@ -74,7 +74,7 @@ class Numbers(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Slope:
+class _TimeExpansion:
     """The time of a shortest motion near a plan's, to first order.
 
     Attributes:
@@ -113,12 +113,12 @@ class HeldDay:
     rows: tuple[int, ...]
     choices: tuple[Choice, ...]
     states: tuple[Reached, ...]
-    slopes: dict[int, _Slope]
+    slopes: dict[int, _TimeExpansion]
 
     def total_time(self, numbers: Numbers) -> Any:
         """Return the time, s, at which the last activity ends, for numbers near those of the plan."""
         scene = numbers.scene
-        state, time = _start(scene), jnp.asarray(0.0)
+        state, time = _start_state(scene), jnp.asarray(0.0)
         total = total_in(scene.spacecraft, state)
         for row, choice, reached in zip(self.rows, self.choices, self.states, strict=True):
             leg = _Leg(
@@ -153,7 +153,7 @@ class _Leg:
         until: s, when the timeline ends; None without.
     """
 
-    slopes: dict[int, _Slope]
+    slopes: dict[int, _TimeExpansion]
     choice: Choice
     reached: Reached
     activity: Activity
@@ -169,9 +169,9 @@ class _Leg:
         if self.choice.time is not None and isinstance(self.reached, Known):
             return self.choice.begin
         if self.choice.time is not None:
-            return self.time + self._seconds(self.choice.time)
+            return self.time + self._slew_seconds(self.choice.time)
         opens = self.choice.activity.earliest or 0.0
-        late = abs(self.choice.begin - opens) > _SAME  # what is hidden then does not depend on any number
+        late = abs(self.choice.begin - opens) > _TIME_TOLERANCE  # what is hidden then depends on no number
         return self.choice.begin if late else self.activity.earliest or 0.0
 
     def states(self, begin: Any, near: Motion) -> Ends:
@@ -189,18 +189,18 @@ class _Leg:
             return begin
         return self.until if activity.latest is None else activity.latest
 
-    def _seconds(self, own: SlewTime) -> Any:
+    def _slew_seconds(self, own: SlewTime) -> Any:
         """Return a duration of the slew, s, for the changed numbers."""
         base: Any = 0.0
         if own.kind in (BOUND, NEEDED):
             after = own.after if self.reached.in_time else None
-            goal = self.states(0.0 if after is None else self.time + self._seconds(after), own.motion)[0]
-            base = self._bound(own, goal) if own.kind == BOUND else self._needed(own, goal)
+            goal = self.states(0.0 if after is None else self.time + self._slew_seconds(after), own.motion)[0]
+            base = self._lower_bound(own, goal) if own.kind == BOUND else self._shortest_time(own, goal)
         elif own.kind == SEEN:
             base = self.choice.since + (own.seconds - own.offset) / own.factor - self.time
         return own.factor * base + own.offset
 
-    def _bound(self, own: SlewTime, goal: State) -> Any:
+    def _lower_bound(self, own: SlewTime, goal: State) -> Any:
         """Return the strict lower bound, s, of the slew to a goal; either end may be in motion."""
         assert own.goal is not None
         then = self.choice.departure.state, own.goal
@@ -215,13 +215,13 @@ class _Leg:
         ]
         return moving_bound(self.craft, *pairs, turning=turning)
 
-    def _needed(self, own: SlewTime, goal: State) -> Any:
+    def _shortest_time(self, own: SlewTime, goal: State) -> Any:
         """Return the time, s, of the shortest motion to a goal at rest."""
         here = replace(self.choice.departure, scene=self.scene, craft=self.craft, state=self.state)
         return self.slopes[id(own)].at(here.scenario(goal, MINIMUM))
 
 
-def _start(scene: Scenario) -> State:
+def _start_state(scene: Scenario) -> State:
     """Return the state at a scene's start, with its rates."""
     start = scene.start
     joints: Any = jnp.asarray(start.joints)
@@ -253,22 +253,22 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     choices = tuple(one for one in plan.choices if one.activity.name in rows)
     reasons: dict[str, str] = {}
     states: list[Reached] = []
-    slopes: dict[int, _Slope] = {}
+    slopes: dict[int, _TimeExpansion] = {}
     asked: list[tuple[Choice, SlewTime]] = []
-    for one, matters in zip(choices, _matter(choices), strict=True):
+    for one, matters in zip(choices, _states_matter(choices), strict=True):
         name = one.activity.name
         try:
-            states.append(_reached(one) if matters else Known(goal=one.goal))
-            asked += [(one, time) for time in (_needed(one, states[-1].in_time) if matters else ())]
+            states.append(_state_rule(one) if matters else Known(goal=one.goal))
+            asked += [(one, time) for time in (_needed_durations(one, states[-1].in_time) if matters else ())]
         except ValueError as error:
             reasons[name] = str(error)
-    _refuse(timeline, reasons)
+    _refuse_derivatives(timeline, reasons)
     for one, time in asked:  # takes long, so only where all else is known
         try:
-            slopes[id(time)] = _slope(one.departure, time)
+            slopes[id(time)] = _expand_time(one.departure, time)
         except ValueError as error:
             reasons[one.activity.name] = str(error)
-    _refuse(timeline, reasons)
+    _refuse_derivatives(timeline, reasons)
     return HeldDay(
         numbers=Numbers(
             scene=own_arrays(timeline.scene), activities=timeline.activities, until=timeline.until
@@ -280,14 +280,14 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     )
 
 
-def _refuse(timeline: Timeline, reasons: Mapping[str, str]) -> None:
+def _refuse_derivatives(timeline: Timeline, reasons: Mapping[str, str]) -> None:
     """Raise ValueError if there are reasons, by activity, why the total time has no derivatives."""
     told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items())
     if told:
         raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
 
 
-def _matter(choices: Sequence[Choice]) -> list[bool]:
+def _states_matter(choices: Sequence[Choice]) -> list[bool]:
     """Tell for each activity whether the state in which it begins influences when the last activity ends.
 
     It does if the slew to it, or a later one, takes a time that follows from its ends, and if that time
@@ -316,7 +316,7 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
         return plan
     again = plan_timeline(plan.timeline, throw=False, progress=False)
     ends = [np.array([one.end or 0.0 for one in own.activities]) for own in (plan, again)]
-    if not again.ok or np.max(np.abs(ends[0] - ends[1]), initial=0.0) > _SAME:
+    if not again.ok or np.max(np.abs(ends[0] - ends[1]), initial=0.0) > _TIME_TOLERANCE:
         raise ValueError(
             f"the plan of {plan.timeline.name} does not say how its slews came about, and planned anew its "
             "activities end at other times: use the plan that jp.plan_timeline returns"
@@ -324,7 +324,7 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
     return again
 
 
-def _follows(choice: Choice) -> bool:
+def _is_following(choice: Choice) -> bool:
     """Whether an activity is a motion in which devices follow targets and wishes, or give way to zones."""
     targets, trajectory = choice.activity.track, choice.motion.trajectory
     if choice.motion.tracked is None or trajectory is None:
@@ -333,10 +333,10 @@ def _follows(choice: Choice) -> bool:
         return True
     last, goal = trajectory.sample(trajectory.duration), choice.goal
     moved = so3.distance(last.attitude, goal.attitude), *np.abs(last.joints - goal.joints)
-    return max(moved) > _STAYS
+    return max(moved) > _STATE_TOLERANCE
 
 
-def _motions(choice: Choice) -> Iterator[Motion]:
+def _tried_motions(choice: Choice) -> Iterator[Motion]:
     """Yield the motions that follow the goals of all durations tried for the slew to an activity."""
     time = choice.time
     while time is not None:
@@ -345,7 +345,7 @@ def _motions(choice: Choice) -> Iterator[Motion]:
         time = time.after
 
 
-def _reached(choice: Choice) -> Reached:
+def _state_rule(choice: Choice) -> Reached:
     """Return the rule for the state in which an activity begins.
 
     Raises:
@@ -354,19 +354,19 @@ def _reached(choice: Choice) -> Reached:
     targets, before = choice.activity.targets, choice.before
     if choice.motion.led:
         raise ValueError("it is led to where the next slew leads: plan with look_ahead = false")
-    if _follows(choice):
-        return following(choice, targets, [choice.motion, *_motions(choice)])
+    if _is_following(choice):
+        return following(choice, targets, [choice.motion, *_tried_motions(choice)])
     if targets is not None:
         return pointed(choice, targets)
     if choice.activity.attitude is not None:
         return Held()
     found = Rested(in_time=bool(np.any(before.velocity) or np.any(before.rates)))
-    if off_by(found, choice) > _STAYS:
+    if off_by(found, choice) > _STATE_TOLERANCE:
         raise ValueError("it gives way to a zone")
     return found
 
 
-def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
+def _needed_durations(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
     """Yield the durations based on a shortest motion on which the time of a slew depends.
 
     Args:
@@ -391,7 +391,7 @@ def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
         time = time.after if in_time else None
 
 
-def _slope(departure: Departure, time: SlewTime) -> _Slope:
+def _expand_time(departure: Departure, time: SlewTime) -> _TimeExpansion:
     """Expand the shortest time of a slew to first order in the numbers of its scenario.
 
     Args:
@@ -410,9 +410,9 @@ def _slope(departure: Departure, time: SlewTime) -> _Slope:
             scenario
         )
     asked = (time.seconds - time.offset) / time.factor
-    if not abs(float(seconds) - asked) <= _NEAR * asked:
+    if not abs(float(seconds) - asked) <= _OPTIMUM_TOLERANCE * asked:
         raise ValueError(f"the optimum near the slew of {asked:.2f} s takes {float(seconds):.2f} s")
-    return _Slope(seconds=float(seconds), scenario=scenario, slopes=slopes)
+    return _TimeExpansion(seconds=float(seconds), scenario=scenario, slopes=slopes)
 
 
 def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers, str]:
@@ -428,10 +428,10 @@ def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers, str]:
     held = hold_day(plan)
     with jax.enable_x64(True):
         value, slopes = jax.value_and_grad(held.total_time, allow_int=True)(held.numbers)
-    return float(value), slopes, _waited_for(held.choices)
+    return float(value), slopes, _describe_wait(held.choices)
 
 
-def _waited_for(choices: Sequence[Choice]) -> str:
+def _describe_wait(choices: Sequence[Choice]) -> str:
     """Return a sentence on the last activity whose times do not follow from its slew; empty if none."""
     for one in reversed(choices):
         activity, opens = one.activity, one.activity.earliest or 0.0
@@ -440,7 +440,7 @@ def _waited_for(choices: Sequence[Choice]) -> str:
         elif one.begin < opens:
             what = "waits for its window"
         elif one.time is None or (one.time.kind == SEEN and one.time.offset == 0.0):
-            late = abs(one.begin - opens) > _SAME
+            late = abs(one.begin - opens) > _TIME_TOLERANCE
             what = "begins when its targets come into sight" if late else "begins when its window opens"
         else:
             continue

@@ -24,8 +24,8 @@ from jaxplan.study.task import Task, make_task
 
 _DIGITS = 4  # significant digits of the numbers tried, so that settings are easy to write down
 _TABLES = {"search": SEARCH, "trajectory": TRAJECTORY, "robust": ROBUST}
-_FAR = 10.0  # least ratio of the bounds for which the logarithm is transformed
-_AROUND = 1e3  # factor from the first value to either bound where none are given
+_LOGARITHMIC_RATIO = 10.0  # least ratio of the bounds for which the logarithm is transformed
+_DEFAULT_BOUND_FACTOR = 1e3  # factor from the first value to either bound where none are given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +70,7 @@ def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
         )
     faults = [] if over else ["is empty: there is nothing to tune"]
     for name, bounds in over.items():
-        if _pair(bounds) is None:
+        if _parse_bounds(bounds) is None:
             faults.append(f"{name} = {bounds!r}: must be two numbers, the lower one first")
             continue
         for bound in bounds:  # what a file may hold are intervals, so all between two good bounds is good
@@ -81,10 +81,10 @@ def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
     if faults:
         raise ScenarioError(dict.fromkeys(faults), "over")
     scenarios = [task.scenario(place) for place in range(task.examples)]
-    return tuple(_range(str(name), bounds, scenarios) for name, bounds in over.items())
+    return tuple(_make_range(str(name), bounds, scenarios) for name, bounds in over.items())
 
 
-def _pair(bounds: Any) -> tuple[float, float] | None:
+def _parse_bounds(bounds: Any) -> tuple[float, float] | None:
     """Return bounds as two finite floats, the lower one first; None if they are anything else."""
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         return None
@@ -93,7 +93,7 @@ def _pair(bounds: Any) -> tuple[float, float] | None:
     return (low, high) if math.isfinite(low) and math.isfinite(high) and low < high else None
 
 
-def _range(name: str, bounds: tuple[float, float], scenarios: Sequence[Scenario]) -> Range:
+def _make_range(name: str, bounds: tuple[float, float], scenarios: Sequence[Scenario]) -> Range:
     """Return the range of a setting by its dotted name, with the value that all scenarios have."""
     table, _, key = name.partition(".")
     entry = next(entry for entry in _TABLES[table].fields if entry.key == key)
@@ -128,7 +128,7 @@ class Parameter:
     @property
     def logarithmic(self) -> bool:
         """Whether the transform is applied to the logarithm of the number."""
-        return self.low > 0 and self.high / self.low >= _FAR
+        return self.low > 0 and self.high / self.low >= _LOGARITHMIC_RATIO
 
     def value(self, free: Array) -> Array:
         """Return the number, in the file's unit, for a free parameter."""
@@ -175,12 +175,12 @@ def parameters(
         place = number_of(scenario, name)
         first = float(place.get(scenario))
         if isinstance(over, Mapping):
-            bounds = _pair(over[name])
+            bounds = _parse_bounds(over[name])
             if bounds is None:
                 wanted = "must be two finite numbers, the lower one first"
                 raise ValueError(f"bounds of {name} = {over[name]!r}: {wanted}")
         else:
-            bounds = _usual(place, first)
+            bounds = _default_bounds(place, first)
         low, high = bounds
         if not low < first < high:
             hint = "" if isinstance(over, Mapping) else ", which over may give"
@@ -202,7 +202,7 @@ def number_of(scenario: Scenario, name: str) -> NumberPlace:
         raise ScenarioError(error.args, "over") from None
 
 
-def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
+def _default_bounds(place: NumberPlace, first: float) -> tuple[float, float]:
     """Return bounds for a number for which none are given; raises ValueError if it may be negative."""
     interval = place.interval
     if interval is None or interval.low < 0:
@@ -210,7 +210,7 @@ def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
             f"{place.name} = {first:g}: may be negative, so its size does not tell how far it may go; "
             f'give bounds, as in over={{"{place.name}": (low, high)}}'
         )
-    return max(interval.low, first / _AROUND), min(interval.high, first * _AROUND)
+    return max(interval.low, first / _DEFAULT_BOUND_FACTOR), min(interval.high, first * _DEFAULT_BOUND_FACTOR)
 
 
 def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:

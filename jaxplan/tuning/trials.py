@@ -31,8 +31,8 @@ _OBJECTIVES = {
     "expansions": ("expansions", "expansions", True),
     "length": ("path length (steps)", "length_steps", False),
 }
-_POPULATION = 8  # size of the first population: the scenes' own settings and seven more; scipy wants five
-_OVER: Mapping[str, tuple[float, float]] = {
+_POPULATION_SIZE = 8  # of the first population: the scenes' own settings and seven more; scipy wants five
+_DEFAULT_RANGES: Mapping[str, tuple[float, float]] = {
     "search.heuristic_weight": (1, 20),
     "search.anchor_weight": (1, 4),
     "search.attitude_step_rad": (0.05, 0.3),
@@ -70,11 +70,11 @@ class Trials:
     ) -> None:
         self.task, self.ranges, self.score, self.most, self.bar = task, ranges, score, most, bar
         self.history: list[Row] = []
-        self._known: dict[tuple[float, ...], float] = {}
+        self._known_ranks: dict[tuple[float, ...], float] = {}
         numbers = {one.name: one.own for one in ranges}
         if noisy:
-            self._trial(0, numbers)  # a rehearsal, so that the first trial is not the one with cold caches
-        self.own = self.best = self._noted(numbers)
+            self._run_trial(0, numbers)  # a rehearsal, so that the first trial has no cold caches
+        self.own = self.best = self._make_next_trial(numbers)
 
     def __call__(self, values: np.ndarray) -> float:
         """Make a trial with settings (k,), unless it was made before; return its rank, lower is better.
@@ -84,16 +84,16 @@ class Trials:
         """
         numbers = {one.name: one.number(value) for one, value in zip(self.ranges, values, strict=True)}
         key = tuple(numbers.values())
-        if key not in self._known:
+        if key not in self._known_ranks:
             if len(self.history) == self.most:
                 raise Ended
             try:
-                trial = self._noted(numbers)
+                trial = self._make_next_trial(numbers)
             except (TypeError, ValueError) as error:  # which scipy would take for a fault of its own
                 raise Ended from error
-            self.best = self._better(self.best, trial)
+            self.best = self._choose_better(self.best, trial)
             self.bar.note(f"best {self.best.row['objective']:.5g}")
-        return self._known[key]
+        return self._known_ranks[key]
 
     def measure_again(self) -> str:
         """Repeat the trials of the best and of the scenes' own settings, and keep the better.
@@ -101,28 +101,28 @@ class Trials:
         Returns a message on that.
         """
         try:
-            own, best = map(self._again, (self.own, self.best))
+            own, best = map(self._repeat_trial, (self.own, self.best))
         except KeyboardInterrupt:
             return "interrupted before the times were measured again"
-        self.own, self.best = own, self._better(own, best)
+        self.own, self.best = own, self._choose_better(own, best)
         if self.best is own:
             return f"trial {best.row['trial']} was not better when measured again"
         return "measured again"
 
-    def _again(self, trial: Trial) -> Trial:
+    def _repeat_trial(self, trial: Trial) -> Trial:
         """Repeat a trial without entering it in the history."""
         numbers = {one.name: trial.row[one.name] for one in self.ranges}
-        return self._trial(int(trial.row["trial"]), numbers)
+        return self._run_trial(int(trial.row["trial"]), numbers)
 
-    def _noted(self, numbers: Row) -> Trial:
+    def _make_next_trial(self, numbers: Row) -> Trial:
         """Make the next trial with the given settings, and enter it in the history."""
-        trial = self._trial(len(self.history), numbers)
+        trial = self._run_trial(len(self.history), numbers)
         self.history.append(trial.row)
-        self._known[tuple(numbers.values())] = self._rank(trial)
+        self._known_ranks[tuple(numbers.values())] = self._rank(trial)
         self.bar.update()
         return trial
 
-    def _trial(self, number: int, numbers: Row) -> Trial:
+    def _run_trial(self, number: int, numbers: Row) -> Trial:
         """Make trial `number` with the given settings; number 0 has the scenes' own settings instead.
 
         Raises:
@@ -147,7 +147,7 @@ class Trials:
         rate = study.planned / study.done
         return Trial({"trial": number, "objective": value, "success_rate": rate, **numbers}, study)
 
-    def _better(self, one: Trial, other: Trial) -> Trial:
+    def _choose_better(self, one: Trial, other: Trial) -> Trial:
         """Return the trial with the lower rank; the first one if both are equally good."""
         return min(one, other, key=self._rank)
 
@@ -220,7 +220,7 @@ def tune_search(
     kind: str | None = None,
     *,
     planner: str = "mha",
-    over: Mapping[str, tuple[float, float]] = _OVER,
+    over: Mapping[str, tuple[float, float]] = _DEFAULT_RANGES,
     objective: str | Score = "time",
     trials: int = 30,
     seed: int = 0,
@@ -272,7 +272,7 @@ def tune_search(
     with progress_bar("tuning", "trials", total=trials, shown=progress) as bar:
         noisy = objective not in ("expansions", "length")
         made = Trials(task, ranges, score, trials, noisy, bar)
-        ending = _search(made, seed)
+        ending = _run_search(made, seed)
         if made.best.row["trial"] and noisy and not ending:
             ending = made.measure_again()
     best = made.best.row
@@ -290,7 +290,7 @@ def tune_search(
     )
 
 
-def _search(trial: Trials, seed: int) -> str:
+def _run_search(trial: Trials, seed: int) -> str:
     """Try settings until all trials are spent, by differential evolution.
 
     It only compares trials, so that noise, jumps, plateaus and failures do it little harm, it keeps whole
@@ -306,7 +306,7 @@ def _search(trial: Trials, seed: int) -> str:
 
     generator = np.random.default_rng(seed)
     low, high, own = np.array([(one.low, one.high, one.own) for one in trial.ranges], dtype=float).T
-    spread = low + (high - low) * LatinHypercube(len(low), rng=generator).random(_POPULATION)
+    spread = low + (high - low) * LatinHypercube(len(low), rng=generator).random(_POPULATION_SIZE)
     spread[0] = np.where(np.isnan(own), spread[0], np.clip(own, low, high))
     try:
         differential_evolution(

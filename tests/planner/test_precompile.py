@@ -113,7 +113,7 @@ def test_what_cannot_be_warmed_up_is_refused(problem, options, error, words):
 
 
 def test_a_kind_is_asked_for_once_by_itself_and_once_for_batches(monkeypatch):
-    monkeypatch.setattr(planner_ahead, "_begun", set())
+    monkeypatch.setattr(planner_ahead, "_begun_kinds", set())
     scenarios = [make_scenario(1), replace(make_scenario(1), name="twin")]
     assert planner_ahead.usual_tasks(scenarios[:1])
     assert not planner_ahead.usual_tasks(scenarios[:1])
@@ -123,8 +123,8 @@ def test_a_kind_is_asked_for_once_by_itself_and_once_for_batches(monkeypatch):
 
 def test_of_many_scenarios_of_a_kind_some_are_hard(monkeypatch):
     tasks = []
-    for count in (planner_ahead._SOME_ARE_HARD - 1, planner_ahead._SOME_ARE_HARD):
-        monkeypatch.setattr(planner_ahead, "_begun", set())
+    for count in (planner_ahead._MIN_COUNT_FOR_SMOOTHING - 1, planner_ahead._MIN_COUNT_FOR_SMOOTHING):
+        monkeypatch.setattr(planner_ahead, "_begun_kinds", set())
         tasks.append(len(planner_ahead.usual_tasks([make_scenario(1)] * count)))
     assert tasks[1] > tasks[0] > 0
 
@@ -136,8 +136,8 @@ def test_the_band_of_a_goal_of_least_time_waits_until_the_motion_to_the_nearest_
     soonest = timed(replace(scenario, goal=replace(scenario.goal, criterion="least_time")), "minimum")
     counts, banded = [], []
     for one, many in ((soonest, False), (soonest, True)):
-        monkeypatch.setattr(planner_ahead, "_begun", set())
-        counts.append(len(planner_ahead._usual(one, many)))
+        monkeypatch.setattr(planner_ahead, "_begun_kinds", set())
+        counts.append(len(planner_ahead._tasks_for_one(one, many)))
     assert counts[1] == counts[0] + 1
     monkeypatch.setattr(search_ahead, "straight_bands", lambda *_: banded.append(1))
     goal = find_goals(scenario)[0]

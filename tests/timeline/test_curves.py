@@ -37,8 +37,8 @@ def slew() -> Trajectory:
     times = np.linspace(0.0, 20.0, 12)
     share = (times / 20.0)[:, None]
     bumps = share * (1 - share) * rng.normal(size=(1, 3)) * 0.2
-    breaks, b = curves._spline(times, share * turn + bumps)
-    joint_breaks, joints = curves._spline(times, share**2 * [0.5, -0.3])
+    breaks, b = curves._legendre_spline(times, share * turn + bumps)
+    joint_breaks, joints = curves._legendre_spline(times, share**2 * [0.5, -0.3])
     pieces = len(b)
     return Trajectory(
         breaks=breaks,
@@ -57,7 +57,7 @@ def slew() -> Trajectory:
 def one_piece() -> Trajectory:
     """A slew of a single piece, from rest to rest."""
     rise = np.polynomial.Polynomial([0, 0, 0, 10.0, -15.0, 6.0])  # from 0 to 1, flat at both
-    legendre = curves._TO_LEGENDRE @ rise.coef
+    legendre = curves._POWERS_TO_LEGENDRE @ rise.coef
     turn = np.array([0.2, 0.5, -0.4])
     return Trajectory(
         breaks=np.array([0.0, 9.0]),

@@ -13,7 +13,7 @@ from reference import unit
 import jaxplan as jp
 from jaxplan.cases import case_path
 from jaxplan.model.hidden import Hidden
-from jaxplan.timeline.impossibilities import _seen, foreseen
+from jaxplan.timeline.impossibilities import _has_visible_span, foreseen
 
 CASES = impossible_places.CASES | impossible_times.CASES
 
@@ -102,7 +102,7 @@ def test_seen_agrees_with_a_look_at_every_instant():
         possible = any(
             np.all(free[k : k + max(steps, 1)]) for k in range(len(grid)) if grid[k] + lasts <= latest
         )
-        assert _seen(spans, 0.0, lasts, latest) == possible
+        assert _has_visible_span(spans, 0.0, lasts, latest) == possible
         seen += possible
     assert 50 < seen < 250
 

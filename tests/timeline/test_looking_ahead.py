@@ -119,9 +119,9 @@ def test_what_makes_the_next_activity_later_is_not_kept(monkeypatch, room):
         """A turn away from where the next slew leads, which is said to be shorter."""
         pursuit = Pursuit.of(doing.scene.usable, doing.scene.constraints, doing.activity.track)
         last = State.of(motion.trajectory, motion.trajectory.duration).attitude
-        ahead = looking_ahead._ahead(motion, then, 10.0).attitude
+        ahead = looking_ahead._find_next_slew(motion, then, 10.0).attitude
         away = last @ so3.exp(-0.3 * so3.log(last.T @ ahead))
-        led_there.append(looking_ahead._drawn(doing, pursuit, motion, away, 2.0))
+        led_there.append(looking_ahead._draw_end_toward(doing, pursuit, motion, away, 2.0))
         return looking_ahead.Led(motion=led_there[-1], bound=0.0)
 
     led_there = []

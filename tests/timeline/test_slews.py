@@ -33,9 +33,9 @@ def departures(count=8, shares=(1.06, 1.07, 1.08)):
 
 
 def test_slews_keep_limits_with_what_accelerations_at_the_ends_add(monkeypatch):
-    found = [(goal, depart._along(None, goal, duration)) for depart, goal, duration in departures()]
-    monkeypatch.setattr(slews, "_beyond", lambda proof, names: 0.0)  # without so much less for the fit
-    bare = [depart._along(None, goal, duration) for depart, goal, duration in departures()]
+    found = [(goal, depart._slew_along(None, goal, duration)) for depart, goal, duration in departures()]
+    monkeypatch.setattr(slews, "_peak_over_limit", lambda proof, names: 0.0)  # without less for the fit
+    bare = [depart._slew_along(None, goal, duration) for depart, goal, duration in departures()]
     helped = 0
     for (goal, slew), other in zip(found, bare, strict=True):
         if other.trajectory is not None:
@@ -53,9 +53,9 @@ def test_only_accelerations_a_little_beyond_their_limits_ask_for_less():
     proof = Certificate(
         certified=False, faults=("acceleration",), peaks={"angular_acceleration": 1.04, "joint_rates": 0.9}
     )
-    assert slews._beyond(proof, slews._EASED) == 1.04
-    assert slews._beyond(proof, slews._RATES) == 0  # for what else fails nothing is done
-    assert slews._beyond(None, slews._EASED) == 0
+    assert slews._peak_over_limit(proof, slews._ACCELERATION_NAMES) == 1.04
+    assert slews._peak_over_limit(proof, slews._RATE_NAMES) == 0  # for what else fails nothing is done
+    assert slews._peak_over_limit(None, slews._ACCELERATION_NAMES) == 0
     for changed in (
         {"min_margin": -1e-3},
         {"min_margin": np.nan},
@@ -64,12 +64,12 @@ def test_only_accelerations_a_little_beyond_their_limits_ask_for_less():
         {"peaks": {"angular_acceleration": 1.04, "joint_rates": 1.01}},
         {"peaks": {"angular_acceleration": 1.04, "yaw": np.nan}},
     ):
-        assert not slews._beyond(replace(proof, **changed), slews._EASED) > 1, changed
+        assert not slews._peak_over_limit(replace(proof, **changed), slews._ACCELERATION_NAMES) > 1, changed
 
 
 def test_all_limits_of_acceleration_are_made_less():
     craft = replace(make_scenario(2).spacecraft, acceleration_norm_limit=0.03)
-    less = slews._eased(craft, 1.25)
+    less = slews._ease_accelerations(craft, 1.25)
     np.testing.assert_allclose(1.25 * np.asarray(less.acceleration_limit), craft.acceleration_limit)
     assert 1.25 * less.acceleration_norm_limit == pytest.approx(0.03)
     np.testing.assert_allclose(1.25 * less.joint_acceleration_limits, craft.joint_acceleration_limits)

@@ -57,9 +57,9 @@ def test_nodes_are_put_closer_as_long_as_it_helps(monkeypatch, first, depths, co
         asked.append(len(times) - 1)
         return motion(asked[-1], between=left.pop(0))
 
-    monkeypatch.setattr(tracking, "_found", found)
+    monkeypatch.setattr(tracking, "_solve_from_guess", found)
     begun = motion(12, **first)
-    answer = tracking._refined(None, begun, 1e-4)
+    answer = tracking._refine_nodes(None, begun, 1e-4)
     assert asked == counts
     least = min([max(begun.between, begun.too_quick), *depths])
     assert answer.depth[1] == (least if counts else max(begun.between, begun.too_quick))
