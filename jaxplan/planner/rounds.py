@@ -1,14 +1,15 @@
 """Plan many scenarios in rounds: scenario -> goals -> path -> trajectory -> certificate -> plan.
 
-In each round every scenario that is not settled yet gets what it needs next: goals are found one by one, but
+In each round every scenario that is not settled yet gets what it needs next: goals are found two at a time,
 searches, fits and proofs of all scenarios are made together. What a scenario needs, with all retries, is
 decided by its `Attempts`, and which attempts are made by its `InTime`.
 """
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
@@ -27,6 +28,9 @@ from jaxplan.search import search_batch
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 Query = TypeVar("Query")
+
+_THREADS = 2  # in which goals are found
+_TINY = 1e-9  # s, a least time to divide by
 
 
 def plan_in_rounds(
@@ -66,21 +70,62 @@ def plan_in_rounds(
 
 
 def _find_goals(open_: Sequence[Attempts], work: Ahead | None) -> None:
-    """Run step 1, finding goals, for all attempts that need it, one by one.
+    """Run step 1, finding goals, for all attempts that need it, two at a time.
+
+    Most of the time goes to one kernel; the Python code of another query runs meanwhile.
 
     Args:
         open_: attempts of plans that are not settled.
         work: takes tasks that compile kernels ahead, as the first goals call for; None for no such tasks.
     """
-    for attempts, query in _select_waiting(open_, GoalQuery):
 
-        def told(nearest: Goal, scenario: Scenario = query.scenario) -> None:
+    def find(query: GoalQuery) -> _FoundGoals:
+        def told(nearest: Goal) -> None:
             if work is not None:
-                work.add(further_tasks(scenario, nearest))
+                work.add(further_tasks(query.scenario, nearest))
 
-        with attempts.clock.step("decompose"):
-            found = find_goals(query.scenario, query.time, told)
-        attempts.accept_goals(found)
+        begin, began = time.monotonic(), working_time()
+        goals = find_goals(query.scenario, query.time, told)
+        return _FoundGoals(goals, time.monotonic() - begin, working_time() - began)
+
+    waiting = _select_waiting(open_, GoalQuery)
+    begin = time.monotonic()
+    for attempts, _ in waiting:
+        attempts.clock.show("decompose")
+    every = _find_in_threads(find, [query for _, query in waiting])
+    # Two at a time take longer than alone: each is given its share of the time of all.
+    share = (time.monotonic() - begin) / max(sum(found.seconds for found in every), _TINY)
+    for (attempts, _), (goals, seconds, working) in zip(waiting, every, strict=True):
+        attempts.clock.add("decompose", share * seconds, share * working)
+        attempts.accept_goals(goals)
+
+
+class _FoundGoals(NamedTuple):
+    """Goals of a scenario, or the failed plan without any, and the time that they took.
+
+    Attributes:
+        goals: as `find_goals` returns them.
+        seconds: s of wall time.
+        working: s of these that were not spent on compiling.
+    """
+
+    goals: tuple[Goal, ...] | Plan
+    seconds: float
+    working: float
+
+
+def _find_in_threads(
+    find: Callable[[GoalQuery], _FoundGoals], queries: Sequence[GoalQuery]
+) -> list[_FoundGoals]:
+    """Find the goals of many queries in two threads, those of a single one in this thread."""
+    if len(queries) < _THREADS:
+        return [find(query) for query in queries]
+    with ThreadPoolExecutor(_THREADS) as pool:
+        try:
+            return list(pool.map(find, queries))
+        except BaseException:  # Ctrl-C among others: goals that were not begun are not waited for
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _search_paths(open_: Sequence[Attempts]) -> None:
