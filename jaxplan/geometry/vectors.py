@@ -15,13 +15,14 @@ stacking along the last axis turns it back.
 `pointing` and `azimuth_elevation` work on arrays (..., 3).
 """
 
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.typing import ArrayLike
 
 AnyArray: TypeAlias = Any
@@ -119,6 +120,38 @@ def length(vector: ArrayLike) -> AnyArray:
 
 Vector: TypeAlias = tuple[AnyArray, AnyArray, AnyArray]
 """The three components of vectors, arrays of any shape."""
+
+
+def max_along(values: AnyArray, axis: int) -> AnyArray:
+    """Return the largest entry along an axis, -inf if there is none; its derivative is that of this entry.
+
+    `jnp.max` finds its derivative by comparing entries with the result. Where a compiler computes an entry
+    anew and rounds it otherwise no entry equals the result, and the derivative is not a number.
+    """
+    if array_module(values) is np:
+        return np.max(values, axis=axis, initial=-np.inf)
+    if not values.shape[axis]:
+        return jnp.max(values, axis=axis, initial=-jnp.inf)
+    return _max_along(values, axis)
+
+
+def min_along(values: AnyArray, axis: int) -> AnyArray:
+    """Return the smallest entry along an axis, +inf if there is none; its derivative is as in `max_along`."""
+    return -max_along(-values, axis)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(1,))
+def _max_along(values: Array, axis: int) -> Array:
+    """Return the largest entry along an axis that is not empty."""
+    return jnp.max(values, axis=axis)
+
+
+@_max_along.defjvp
+def _max_along_jvp(axis: int, values: tuple[Array], changes: tuple[Array]) -> tuple[Array, Array]:
+    """Differentiate `_max_along`: the change of the first entry that is the largest."""
+    place = jnp.argmax(values[0], axis=axis, keepdims=True)
+    change = jnp.take_along_axis(changes[0], place, axis=axis)
+    return _max_along(values[0], axis), jnp.squeeze(change, axis=axis)
 
 
 def separation(first: ArrayLike, second: ArrayLike) -> AnyArray:

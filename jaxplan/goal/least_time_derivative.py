@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxplan.geometry.vectors import max_along
 from jaxplan.goal import descent
 from jaxplan.goal.descent import MET, angle_terms, cap_terms, turned
 from jaxplan.goal.distances import Platform, Pointers, reach, speed_limits, ways
@@ -53,7 +54,7 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
     """
     still = jax.lax.stop_gradient(conditions)
     way, *_ = ways(still.turn, still.pointers, still.platform)
-    time = jnp.max(_least_times(way[:, 0], *speed_limits(still.pointers, still.platform)))
+    time = max_along(_least_times(way[:, 0], *speed_limits(still.pointers, still.platform)), 0)
     guess = jnp.concatenate([jnp.zeros(3, time.dtype), time[None]])
     at = jnp.zeros(4, time.dtype).at[3].set(time)
     excess, slopes = _constraint_excess(still, at), jax.jacfwd(lambda z: _constraint_excess(still, z))(at)

@@ -29,7 +29,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, separation
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, max_along, min_along, separation
 from jaxplan.model.directions import DirectionPath, Sights
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.runtime.batching import padded_count
@@ -313,12 +313,8 @@ def _entry_and_constraint_margins(rows: Constraints, margin: AnyArray) -> tuple[
     xp = array_module(margin)
     of_entry = margin
     if rows.nested:
-        of_entry = xp.min(
-            xp.where(_equal_pairs(rows.entry), margin[..., None, :], xp.inf), axis=-1, initial=xp.inf
-        )
-    best = xp.max(
-        xp.where(_equal_pairs(rows.group), of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf
-    )
+        of_entry = min_along(xp.where(_equal_pairs(rows.entry), margin[..., None, :], xp.inf), -1)
+    best = max_along(xp.where(_equal_pairs(rows.group), of_entry[..., None, :], -xp.inf), -1)
     return of_entry, best
 
 
@@ -374,5 +370,5 @@ def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
         rows: the constraints.
         margin: (..., Z, S) rad, margins of every sight to every row.
     """
-    xp, given = arrays(margin)
-    return best_entries(rows, xp.min(given, axis=-1, initial=xp.inf))
+    _, given = arrays(margin)
+    return best_entries(rows, min_along(given, -1))

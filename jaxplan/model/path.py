@@ -20,7 +20,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import AnyArray, arrays, length
+from jaxplan.geometry.vectors import AnyArray, arrays, length, max_along, min_along
 from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import Sights
@@ -192,7 +192,7 @@ def interval_scores(
     score = scores(rows, cosines, values)
     bend = score_curvature(rows, length(turn_vector), *sights.bounds(joint_change))
     bound = edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))
-    return jnp.max(jnp.where(rows.bound.T, bound, -jnp.inf), axis=-2, initial=-jnp.inf)
+    return max_along(jnp.where(rows.bound.T, bound, -jnp.inf), -2)
 
 
 def edge_margins(
@@ -214,4 +214,4 @@ def edge_margins(
     """
     worst = interval_scores(rows, sights, attitude, joints, turn, joint_change, intervals)
     margin = jnp.where(worst == -jnp.inf, jnp.inf, margins_of_scores(rows, worst))
-    return jnp.min(constraints.best_entries(rows, margin), axis=0)
+    return min_along(constraints.best_entries(rows, margin), 0)

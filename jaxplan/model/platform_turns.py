@@ -45,7 +45,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, max_along, min_along, separation
 from jaxplan.model.inertia_bounds import InertiaBounds, inertia_bounds, most_by
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import limits, longest
@@ -212,9 +212,9 @@ def _box_ways(
         yield Way(
             name=name,
             distance=turn_table("box").length(turns, box),
-            top=xp.max(rate / box),
-            growth=xp.max(acceleration / box),
-            more_growth=None if more is None else xp.max(more / box),
+            top=max_along(rate / box, -1),
+            growth=max_along(acceleration / box, -1),
+            more_growth=None if more is None else max_along(more / box, -1),
             speeds=None if spins is None else (abs(spins) / box).max(axis=1),
         )
 
@@ -291,7 +291,7 @@ def _energy_way(
     rows = [turn_table("ellipsoid").length(own, 1 / roots)]
     angles = _axis_angles(own)
     for axis in range(3):
-        rows.append(xp.min(roots[np.arange(3) != axis]) * angles[..., axis])
+        rows.append(min_along(roots[np.arange(3) != axis], -1) * angles[..., axis])
     lightest, inverse, speeds = xp.sqrt(xp.min(moments)), inverse_of(least), None
     carried, pushed, swept = (
         (0.0, 0.0, 0.0)
@@ -317,8 +317,8 @@ def _energy_way(
     return Way(
         name=ENERGY,
         distance=greatest_of(rows),
-        top=xp.min(xp.stack(tops)),
-        growth=xp.min(xp.stack(growths)),
+        top=min_along(xp.stack(tops), 0),
+        growth=min_along(xp.stack(growths), 0),
         speeds=speeds,
     )
 
@@ -358,8 +358,6 @@ def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyAr
     half = (axes / xp.sqrt(moments)) @ axes.T
     crossed = so3.hat(inverse) @ inertia
     forms = (crossed + xp.swapaxes(crossed, -1, -2)) / 2  # w . forms[i] w is component i of J^-1 (w x J w)
-    sizes = [
-        xp.max(xp.abs(xp.linalg.eigvalsh(by @ forms @ by)), axis=-1) for by in (np.eye(3), half, inverse)
-    ]
+    sizes = [max_along(xp.abs(xp.linalg.eigvalsh(by @ forms @ by)), -1) for by in (np.eye(3), half, inverse)]
     later = xp.minimum(sizes[1] * largest_in_box(torque, inverse) ** 2, sizes[2] * xp.sum(torque**2))
     return xp.abs(inverse) @ torque, sizes[0], later

@@ -8,7 +8,7 @@ from itertools import product
 import jax
 import numpy as np
 
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, max_along
 
 _BOX_CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
 """(4, 3) corners of the box of half widths one about zero, without their opposites."""
@@ -54,7 +54,7 @@ def largest_size(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
     The root is taken of the largest only, as the root of zero has no derivative.
     """
     xp, x, matrix = arrays(vectors, matrix)
-    return xp.sqrt(xp.max(xp.sum((x @ matrix) * x, axis=-1)))
+    return xp.sqrt(max_along(xp.sum((x @ matrix) * x, axis=-1), -1))
 
 
 def sizes_by(vectors: AnyArray, matrix: AnyArray) -> AnyArray:

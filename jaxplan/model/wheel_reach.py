@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.geometry.vectors import AnyArray, arrays, length
+from jaxplan.geometry.vectors import AnyArray, arrays, length, min_along
 from jaxplan.model.quadratic import inverse_of, largest_size
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
@@ -69,7 +69,7 @@ class Reach(NamedTuple):
         )  # ``l``, for each choice of three
         lower, upper = (bound[three][:, None] for bound in (self.lower, self.upper))
         both = [xp.maximum(own * lower, own * upper).sum(axis=2) for own in (shares, -shares)]
-        each_way = [xp.min(xp.where(volume[:, None] < _PRECISE_VOLUME, xp.inf, own), axis=0) for own in both]
+        each_way = [min_along(xp.where(volume[:, None] < _PRECISE_VOLUME, xp.inf, own), 0) for own in both]
         return xp.minimum(found, xp.maximum(*each_way))
 
     def largest(self, matrix: AnyArray) -> AnyArray:

@@ -22,7 +22,7 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import length
+from jaxplan.geometry.vectors import length, min_along
 from jaxplan.model.constraints import Constraints, state_margins
 from jaxplan.model.limits import lesser_components, timed_limits
 from jaxplan.model.path import Path
@@ -82,7 +82,7 @@ def gather_inputs(
     sights, at_ends = cones.sights(craft.gimbals, craft.fixed_boresights), jnp.array([0, -1])
     times: Any = jnp.stack([jnp.zeros_like(duration), duration]) if cones.paths else None
     margins = jnp.swapaxes(state_margins(cones, sights, attitudes[at_ends], joints[at_ends], times), 1, 2)
-    left = jnp.min(jnp.where(held.counted, margins, jnp.inf), axis=0)
+    left = min_along(jnp.where(held.counted, margins, jnp.inf), 0)
     number = jnp.arange(len(held.zones.on))
     axes = jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone]
     halves = so3.exp(held.zones.place[:, None] * turn / 2)

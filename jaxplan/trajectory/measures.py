@@ -22,7 +22,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import arrays
+from jaxplan.geometry.vectors import arrays, max_along, min_along
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
@@ -210,7 +210,7 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
 
     def short(samples: Samples) -> Array:
         margins = constraint_margins(cones, state_margins(cones, sights, samples.attitude, samples.joints))
-        least = jnp.min(margins, axis=-1, initial=jnp.inf)
+        least = min_along(margins, -1)
         return -jnp.where(jnp.any(jnp.isnan(margins), axis=-1), jnp.nan, least)
 
     return -largest(trajectory, short)
@@ -344,7 +344,7 @@ def _max_or_nan(magnitudes: Array) -> Array:
     Entries are magnitudes, zero or more.
     """
     sound = jnp.all(magnitudes >= 0, axis=-1)
-    return jnp.where(sound, jnp.max(magnitudes, axis=-1, initial=0.0), jnp.nan)
+    return jnp.where(sound, jnp.maximum(max_along(magnitudes, -1), 0.0), jnp.nan)
 
 
 def _all_breaks(trajectory: Trajectory) -> Array:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, max_along, min_along
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import limits, timed_limits
 from jaxplan.model.path import Path
@@ -116,7 +116,7 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
         steady = steady._replace(total=0 * turns.T, array=empty)
     shares = [limit.shares(steady) for limit in limits(craft) if limit.quantity.power == 1]
     xp = array_module(*shares)
-    return xp.max(xp.concatenate(shares), axis=0)
+    return max_along(xp.concatenate(shares), 0)
 
 
 def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
@@ -173,7 +173,7 @@ def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
         else:
             if quantity.of_wheels:  # the radius of a ball within their limits, which holds in all directions
                 bound = bound / xp.maximum(length(craft.wheel_array.rows), _MIN_NORM)  # type: ignore[union-attr]
-            platform = xp.minimum(platform, xp.min(bound) / heaviest if quantity.by_inertia else bound)
+            platform = xp.minimum(platform, min_along(bound, 0) / heaviest if quantity.by_inertia else bound)
     return xp.concatenate([platform, joints])
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion, rotations, vectors
-from jaxplan.geometry.vectors import arrays
+from jaxplan.geometry.vectors import arrays, max_along, min_along
 from jaxplan.model import gimbals
 from jaxplan.model.devices import Instrument, Terminal
 from jaxplan.model.spacecraft import Spacecraft
@@ -290,3 +290,28 @@ def test_cross_and_dot_are_numpys():
     np.testing.assert_allclose(both(vectors.cross, AXES.T, RATES.T).T, np.cross(AXES, RATES), atol=1e-15)
     np.testing.assert_allclose(vectors.dot(AXES.T, RATES.T), np.sum(AXES * RATES, axis=1), atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(both(vectors.unit, RATES.T), axis=0), 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize("axis", [0, 1, -1])
+def test_the_largest_along_an_axis_has_the_derivative_of_one_entry(axis):
+    values = np.random.default_rng(3).normal(size=(4, 5))
+    values[1] = values[2] = 2.0  # several are the largest
+    values[:, 3] = 2.0
+    one_way, other = (
+        jax.jit(mode(lambda v: max_along(v, axis)))(values) for mode in (jax.jacfwd, jax.jacrev)
+    )
+    np.testing.assert_array_equal(one_way, other)
+    found = max_along(jnp.asarray(values), axis)
+    np.testing.assert_array_equal(found, np.max(values, axis=axis))
+    np.testing.assert_array_equal(max_along(values, axis), found)
+    np.testing.assert_array_equal(min_along(jnp.asarray(values), axis), np.min(values, axis=axis))
+    np.testing.assert_array_equal(np.sum(one_way != 0, axis=(-1, -2)), 1)
+    np.testing.assert_array_equal(np.sum(one_way * values, axis=(-1, -2)), found)
+    low = jax.jit(jax.jacrev(lambda v: min_along(v, axis)))(values)
+    np.testing.assert_array_equal(np.sum(low * values, axis=(-1, -2)), np.min(values, axis=axis))
+
+
+def test_among_no_entries_the_largest_is_less_than_all_numbers():
+    for values in (np.zeros((2, 0)), jnp.zeros((2, 0))):
+        np.testing.assert_array_equal(max_along(values, -1), [-np.inf, -np.inf])
+        np.testing.assert_array_equal(min_along(values, -1), [np.inf, np.inf])
