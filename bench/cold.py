@@ -32,7 +32,7 @@ def scene(seed, duration):
     drawn = jp.random_scenario(seed, "keep_out")
     return replace(drawn, trajectory=replace(drawn.trajectory, duration=duration))
 """
-COMMAND = "from jaxplan.cli import main; main({})"
+COMMAND = "import sys; sys.argv[1:] = {}; from jaxplan.cli import main; sys.exit(main())"
 JOBS = {  # a program each; DIR is a folder with a plan of case 2
     "plan": "import jaxplan as jp; jp.plan(jp.paper_case(2), progress=False)",
     "minimum": f"{SCENE}jp.plan(scene(0, 'minimum'), throw=False, progress=False)",

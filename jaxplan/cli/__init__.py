@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from jaxplan.cli.common import BAD_INPUT, DONE, complain, plain_warnings
+from jaxplan.cli.common import BAD_INPUT, DONE, complain, plain_warnings, report_refused_kernels
 from jaxplan.cli.parser import Parser
-from jaxplan.runtime.garbage import seldom_collected
+from jaxplan.runtime.garbage import end_without_collection, seldom_collected
 from jaxplan.runtime.progress import seldom_lines
 from jaxplan.version import __version__
 
@@ -54,13 +54,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: what follows ``jaxplan`` on the command line; None for those of the process.
     """
+    if arguments is None:  # then the process ends with this command
+        end_without_collection()
     parser = _make_parser()
     options = parser.parse_args(arguments)
     try:
         with seldom_collected(), seldom_lines(), plain_warnings():
             code = _run_command(parser, options)
         sys.stdout.flush()  # so that an error, such as a full disk, is still reported
-        _report_refused_kernels()
+        report_refused_kernels()
         return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
@@ -73,18 +75,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
     except ValueError as error:  # ScenarioError and PlanFileError are subclasses
         return complain(str(error), BAD_INPUT)
-
-
-def _report_refused_kernels() -> None:
-    """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
-    executables = sys.modules.get("jaxplan.runtime.executables")  # imported only if anything was computed
-    refused = executables.refused() if executables is not None else 0
-    if refused:
-        print(
-            f"jaxplan: XLA refused {refused} of the kernels that earlier runs had kept, as it does on some "
-            "processors, and compiled them again; jp.compilation_cache chooses another folder for them",
-            file=sys.stderr,
-        )
 
 
 def _run_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:

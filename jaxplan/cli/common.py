@@ -142,3 +142,15 @@ def set_up_jax() -> None:
     import jax
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
+def report_refused_kernels() -> None:
+    """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
+    executables = sys.modules.get("jaxplan.runtime.executables")  # imported only if anything was computed
+    refused = executables.refused() if executables is not None else 0
+    if refused:
+        print(
+            f"jaxplan: XLA refused {refused} of the kernels that earlier runs had kept, as it does on some "
+            "processors, and compiled them again; jp.compilation_cache chooses another folder for them",
+            file=sys.stderr,
+        )

@@ -15,9 +15,8 @@ forgotten, and those that are used again are compiled again.
 the CPU, XLA writes the loops of a fused computation in one of two ways. The newer one, by way of a separate
 language for loops, takes two to three times as long to compile kernels like those here, and they run no
 faster. `quick_jit` asks for the older one where the installed XLA still has it; that of jaxlib 0.11 and later
-has not. Compiling a kernel in one part instead of many (``xla_cpu_parallel_codegen_split_count``) would save
-a sixth, but must not be done: with jaxlib 0.10.2 some slopes at rest come out as NaN. While JAX traces and
-lowers a kernel, Python does not look for cyclic garbage (`jaxplan.runtime.garbage`).
+has not. While JAX traces and lowers a kernel, Python does not look for cyclic garbage
+(`jaxplan.runtime.garbage`).
 
 What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """

@@ -1,6 +1,7 @@
 """Blocks that look for no garbage leave Python's collector as they found it."""
 
 import gc
+import subprocess
 import sys
 import types
 
@@ -55,3 +56,18 @@ def test_garbage_is_looked_for_seldom_within_blocks_and_as_before_after_them(thr
         assert gc.get_threshold() == (threshold, 10, 10)
     finally:
         gc.set_threshold(*before)
+
+
+@pytest.mark.parametrize("quickly", [False, True])
+def test_a_process_may_end_without_a_last_search(quickly):
+    program = f"""
+from jaxplan.runtime.garbage import end_without_collection
+class Loop:
+    def __init__(self): self.own = self
+    def __del__(self, say=print): say("found")
+if {quickly}: end_without_collection()
+keep = Loop()
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert told.stdout == ("" if quickly else "found\n")
+    assert told.stderr == ""
