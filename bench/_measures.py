@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.model.path import Path
 from jaxplan.search import Scene
-from jaxplan.study.table4 import TOLERANCE, least_margins
+from jaxplan.study.printed_planners import TOLERANCE, least_margins
 
 SAMPLES = 64  # intervals into which an edge is cut, which is at most one step long
 

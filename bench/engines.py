@@ -1,8 +1,8 @@
 """The programs inside the method "global", solved by its own engine and by others, in one run.
 
 Takes the duals that fits of random scenes ask for, some at 80 s and some at the shortest duration, and solves
-each by `jaxplan.trajectory.qp`, PIQP, OSQP and qpax. Prints how long that takes, and how many answers cost
-least.
+each by `jaxplan.trajectory.interior_point`, PIQP, OSQP and qpax. Prints how long that takes, and how many
+answers cost least.
 
     pip install -e '.[bench]'
     python bench/engines.py [-n 8]
@@ -23,8 +23,8 @@ from scipy import sparse
 
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, random_scenario
-from jaxplan.trajectory import program
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
+from jaxplan.trajectory import step_programs
+from jaxplan.trajectory.interior_point import BoxQP, solve_box_qps
 
 try:
     import piqp
@@ -55,7 +55,7 @@ def collect(count: int) -> list[Problem]:
                 found.append((matrix * scale[:, None] * scale, linear * scale, penalty / scale))
         return solve_box_qps(programs)
 
-    own, program.solve_box_qps = program.solve_box_qps, spy
+    own, step_programs.solve_box_qps = step_programs.solve_box_qps, spy
     try:
         for kind in SKY_KINDS:
             for seed in range(count):
@@ -64,7 +64,7 @@ def collect(count: int) -> list[Problem]:
                 settings = replace(scenario.trajectory, method="global", duration=duration)
                 jp.plan(replace(scenario, trajectory=settings), throw=False, progress=False)
     finally:
-        program.solve_box_qps = own
+        step_programs.solve_box_qps = own
     return found
 
 

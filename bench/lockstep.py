@@ -16,7 +16,7 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, SearchResult, search_batch
-from jaxplan.study.table4 import make_problem
+from jaxplan.study.printed_planners import make_problem
 
 
 def one_by_one(scenes: list[Scene], settings: list[SearchSettings]) -> list[SearchResult]:

@@ -32,7 +32,7 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import Scenario
 from jaxplan.search import PLANNERS, Scene, find_barrier
-from jaxplan.study.table4 import make_problem
+from jaxplan.study.printed_planners import make_problem
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,7 @@ import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search import PLANNERS, Scene, find_barrier
-from jaxplan.study.table4 import TOLERANCE, least_margins, make_problem
+from jaxplan.study.printed_planners import TOLERANCE, least_margins, make_problem
 
 RIVAL_SECONDS = 10.0
 _HEAD = (

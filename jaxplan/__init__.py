@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from jaxplan.exporting import export
     from jaxplan.goal.pointing_start import point
     from jaxplan.gradients import differentiable
+    from jaxplan.model.activities import Activity, Segment, Timeline
     from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
     from jaxplan.model.directions import DirectionPath
     from jaxplan.model.export_names import ExportNames
     from jaxplan.model.goals import GivenState, Targets, Wish
-    from jaxplan.model.hidden import Hidden
+    from jaxplan.model.hidden_spans import Hidden
     from jaxplan.model.robust import Robust
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
-    from jaxplan.model.timeline import Activity, Segment, Timeline
     from jaxplan.model.wheels import Wheel
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from jaxplan.warming import warm_up
 
 _HOMES = {
-    "Activity": "jaxplan.model.timeline",
+    "Activity": "jaxplan.model.activities",
     "AttitudeTable": "jaxplan.tables",
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
@@ -78,7 +78,7 @@ _HOMES = {
     "FixedVector": "jaxplan.model.zones",
     "Fleet": "jaxplan.constellation",
     "GivenState": "jaxplan.model.goals",
-    "Hidden": "jaxplan.model.hidden",
+    "Hidden": "jaxplan.model.hidden_spans",
     "Instrument": "jaxplan.model.devices",
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
@@ -93,7 +93,7 @@ _HOMES = {
     "ScenarioError": "jaxplan.schema",
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
-    "Segment": "jaxplan.model.timeline",
+    "Segment": "jaxplan.model.activities",
     "Sensitivities": "jaxplan.tuning",
     "SlewTimes": "jaxplan.slew_matrix",
     "Spacecraft": "jaxplan.model.spacecraft",
@@ -103,7 +103,7 @@ _HOMES = {
     "TableCertificate": "jaxplan.tables",
     "Targets": "jaxplan.model.goals",
     "Terminal": "jaxplan.model.devices",
-    "Timeline": "jaxplan.model.timeline",
+    "Timeline": "jaxplan.model.activities",
     "TimelineError": "jaxplan.timeline",
     "TimelinePlan": "jaxplan.timeline",
     "Trajectory": "jaxplan.trajectory",

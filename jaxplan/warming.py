@@ -17,8 +17,8 @@ from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
+from jaxplan.planner.entry_points import as_filed, plan
 from jaxplan.planner.precompile import every_task
-from jaxplan.planner.runs import as_filed, plan
 from jaxplan.runtime.arguments import expect_any
 from jaxplan.runtime.precompile import side_by_side
 from jaxplan.runtime.progress import progress_bar

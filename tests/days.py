@@ -13,7 +13,7 @@ from reference import direction
 
 import jaxplan as jp
 from jaxplan.certificate import Certificate
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.model.status import Status
 from jaxplan.timeline import PlannedActivity, Segment, TimelinePlan
 from jaxplan.trajectory import Trajectory

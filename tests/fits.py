@@ -10,8 +10,8 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory.motion import Stack
+from jaxplan.trajectory.node_times import edge_turns
 from jaxplan.trajectory.problem import FitProblem, discretise
-from jaxplan.trajectory.schedule import edge_turns
 
 
 def problem_of(path: Path, spacecraft: Spacecraft, cones: Constraints) -> FitProblem:

@@ -13,7 +13,7 @@ from reference import unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 
 SITE = site(LOW, 250.0, 1.0)  # seen until 601 s
 NORTH = np.array([0.0, 0.0, 1.0])

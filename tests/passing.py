@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.trajectory.curve import Trajectory
 
 EARTH, ATTRACTION, DAY = 6378.137, 398600.4418, 7.292115e-5  # km, km^3/s^2, rad/s of the Earth's turn

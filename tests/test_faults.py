@@ -15,8 +15,8 @@ from jaxplan.planner import steps
 from jaxplan.schema import with_settings
 from jaxplan.search import mha
 from jaxplan.search.astar import make_root, trace
-from jaxplan.trajectory import program
-from jaxplan.trajectory import qp as box_qp
+from jaxplan.trajectory import interior_point as box_qp
+from jaxplan.trajectory import step_programs
 
 RNG = np.random.default_rng(21)
 SETTINGS = {"search.max_goals": 1, "search.time_limit_s": "off"}
@@ -45,7 +45,7 @@ def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, 
         asked.extend(len(own.linear) for own in programs)
         return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own[:3]), residual=0.0) for own in programs]
 
-    monkeypatch.setattr(program, "solve_box_qps", garbage)
+    monkeypatch.setattr(step_programs, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):
         plan = planned()
     assert asked

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxplan.model.activities import Timeline
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.timeline import Timeline
 from jaxplan.schema import load_scenario, load_timeline
 
 CASE_NAMES = ("case-1", "case-2", "case-3", "case-4")

@@ -146,7 +146,7 @@ def set_up_jax() -> None:
 
 def report_refused_kernels() -> None:
     """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
-    executables = sys.modules.get("jaxplan.runtime.executables")  # imported only if anything was computed
+    executables = sys.modules.get("jaxplan.runtime.kernel_files")  # imported only if anything was computed
     refused = executables.refused() if executables is not None else 0
     if refused:
         print(

@@ -17,7 +17,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.display import in_columns
 from jaxplan.search import PLANNERS
 from jaxplan.study import Study, compare_studies, load_study, run_study
-from jaxplan.study import table4 as table
+from jaxplan.study import printed_planners as table
 from jaxplan.study.store import HEADER
 
 

@@ -17,8 +17,8 @@ from jaxplan.cli.common import (
     set_up_jax,
     writable_folder,
 )
+from jaxplan.model.activities import Timeline
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Timeline
 from jaxplan.planner.record import report_summary
 from jaxplan.runtime.files import replacing_file
 from jaxplan.runtime.progress import progress_bar

@@ -10,15 +10,15 @@ For a single change of links (a *switch*): `shell` computes where the satellites
 each terminal points at and what blocks the view, `switch` makes a planning problem for each satellite, and
 `result` plans these problems and summarizes the plans.
 
-For links that change over hours: `schedule` lists the links step by step (by default those of the `mesh`
-between neighbouring satellites), `fleet` plans each satellite from an order of `orders`, and `fleet_folder`
-keeps the plans on disk.
+For links that change over hours: `link_schedules` lists the links step by step (by default those of the
+`mesh` between neighbouring satellites), `fleet` plans each satellite from an order of `orders`, and
+`fleet_folder` keeps the plans on disk.
 """
 
 from jaxplan.constellation.fleet import Fleet, load_fleet, plan_fleet
+from jaxplan.constellation.link_schedules import LinkSchedule, Span, link_schedule
 from jaxplan.constellation.links import default_topologies
 from jaxplan.constellation.result import Constellation, ConstellationSummary, plan_constellation
-from jaxplan.constellation.schedule import LinkSchedule, Span, link_schedule
 from jaxplan.constellation.shell import Shell, walker
 from jaxplan.constellation.switch import LinkSwitch, link_switch, relay_spacecraft
 

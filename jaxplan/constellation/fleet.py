@@ -21,14 +21,14 @@ from typing import Any
 import numpy as np
 
 from jaxplan.constellation.fleet_folder import FleetFolder, Row
+from jaxplan.constellation.link_schedules import LinkSchedule
 from jaxplan.constellation.orders import Order, Planned, given_up, order_of, plan_order
-from jaxplan.constellation.schedule import LinkSchedule
 from jaxplan.constellation.shell import out_of_range
+from jaxplan.model.activities import SHORTEST, SLEWS
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import SHORTEST, SLEWS
 from jaxplan.runtime.arguments import expect, file_path, show
 from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar

@@ -22,14 +22,14 @@ from typing import Any
 import numpy as np
 
 from jaxplan import sky, so3
-from jaxplan.constellation.schedule import LONGEST, LinkSchedule, Span
+from jaxplan.constellation.link_schedules import LONGEST, LinkSchedule, Span
 from jaxplan.constellation.switch import nominal_attitudes
 from jaxplan.goal.pointing_start import NotPointingError, point
+from jaxplan.model.activities import Activity, Timeline
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Activity, Timeline
 from jaxplan.model.zones import KeepOut
 from jaxplan.runtime.jit import working_time
 from jaxplan.schema.reading import with_settings

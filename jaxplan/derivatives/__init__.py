@@ -9,13 +9,13 @@ targets or zones move, in a given duration, the goal and its rates are those at 
 is about to change, the derivative is that of the side that is held. After tuning, plan again: another path
 may have become better.
 
-Which scenarios have derivatives is told in `followable`, what is held of a plan in `held`; `replanning` has
+Which scenarios have derivatives is told in `refusals`, what is held of a plan in `held`; `replanning` has
 the function, `following` plans that are made anew near others.
 """
 
-from jaxplan.derivatives.followable import expect_followable, expect_known_time
 from jaxplan.derivatives.following import follow, follow_and_hold
 from jaxplan.derivatives.held import Held, hold, hold_each, own_arrays
+from jaxplan.derivatives.refusals import expect_followable, expect_known_time
 from jaxplan.derivatives.replanning import End, end_of, held_end, motion_to, of_arrays, replan, replan_to
 
 __all__ = [

@@ -4,21 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.derivatives.followable import expect_known_time
 from jaxplan.derivatives.held import A_PLAN, Held, held_of
+from jaxplan.derivatives.refusals import expect_known_time
 from jaxplan.goal.followed_goal import followed_by
 from jaxplan.model.moving_nodes import leads_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
 from jaxplan.planner.clock import Clock
+from jaxplan.planner.entry_points import as_filed
 from jaxplan.planner.proving import prove
-from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import Fit, Trajectory
-from jaxplan.trajectory.schedule import FEWEST_NODES
+from jaxplan.trajectory.node_times import FEWEST_NODES
 
 
 @one_thread()

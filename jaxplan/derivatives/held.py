@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxplan.derivatives.followable import rates_at, reasons_of_scenario, refuse
+from jaxplan.derivatives.refusals import rates_at, reasons_of_scenario, refuse
 from jaxplan.goal.followed_goal import Followed, followed_by
 from jaxplan.goal.free_devices import MadeWay
 from jaxplan.model.moving_nodes import Leads, leads_of
@@ -27,7 +27,7 @@ from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import Fit, Trajectory, fit_batch
 from jaxplan.trajectory.active_set import FitRecord, nearer_optima
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
+from jaxplan.trajectory.node_times import FEWEST_NODES, padded, passed_nodes
 from jaxplan.trajectory.sqp import NearOptimum
 
 A_PLAN = "jp.plan makes one of a scenario"

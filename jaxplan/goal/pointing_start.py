@@ -16,11 +16,11 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
-from jaxplan.goal.reasons import apart, off
+from jaxplan.goal.unreachable_messages import apart, off
 from jaxplan.model.breaches import ROUNDING, constraint_breaches, in_own_zone
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import GivenState, Targets, Wish
-from jaxplan.model.hidden import hidden_words
+from jaxplan.model.hidden_spans import hidden_words
 from jaxplan.model.path import Goal
 from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario

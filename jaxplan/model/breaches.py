@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jaxplan.geometry.vectors import separation
-from jaxplan.model.bound import body_axis_name
+from jaxplan.model.bound_sights import body_axis_name
 from jaxplan.model.constraints import (
     INERTIAL,
     JOINTS,

@@ -27,7 +27,7 @@ from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.scaling import time_factor
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import row_names
-from jaxplan.runtime.once import made_once
+from jaxplan.runtime.compute_once import made_once
 
 _AXIS_NAMES = ("x", "y", "z")
 _LENGTH_NAME = ("length",)

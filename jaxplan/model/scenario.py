@@ -20,13 +20,13 @@ from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.equality import same
 from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
-from jaxplan.model.hidden import after_hidden
+from jaxplan.model.hidden_spans import after_hidden
 from jaxplan.model.robust import Robust, usable
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import bound_by, tabulate
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, masks
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.once import made_once
 
 # Names of planners; `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.model import outlines
-from jaxplan.model.bound import Bound
+from jaxplan.model.bound_sights import Bound
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.gimbals import stacked

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState, Targets
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 

@@ -28,7 +28,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays, length, min_along
 from jaxplan.model.quadratic import inverse_of, largest_size
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
-from jaxplan.runtime.once import made_once
+from jaxplan.runtime.compute_once import made_once
 
 _MAX_WHEELS_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are listed together
 _PLANAR_VOLUME = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding

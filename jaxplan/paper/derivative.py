@@ -24,8 +24,8 @@ from jaxplan.paper.segments import PathNodes, assembled, node_indices, shortest_
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.measures import to_limits
+from jaxplan.trajectory.node_times import FEWEST_NODES, padded
 from jaxplan.trajectory.peaks import SAFETY
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import end_derivatives, energy
 
 _BINDING_TOLERANCE = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to its limit is held

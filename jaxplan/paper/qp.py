@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.trajectory.program import inverses
+from jaxplan.trajectory.step_programs import inverses
 
 _CHECK_TOLERANCE = 1e-11
 _OSQP_SETTINGS = {

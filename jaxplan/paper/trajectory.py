@@ -26,7 +26,7 @@ from jaxplan.paper.segments import (
     split,
 )
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import schedule
+from jaxplan.trajectory import node_times
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.fit import (
     Fit,
@@ -39,8 +39,8 @@ from jaxplan.trajectory.fit import (
     within_limits,
 )
 from jaxplan.trajectory.full_wheels import full_on_the_way
+from jaxplan.trajectory.node_times import FEWEST_NODES
 from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
-from jaxplan.trajectory.schedule import FEWEST_NODES
 
 _DEFAULT_SEGMENTS = 3
 _SEGMENT_GROWTH = 1.5  # factor on the number of segments from one attempt to the next
@@ -88,15 +88,15 @@ def _prepare(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
     """
     node_fractions = query.node_fractions
     path, rates = checked(query)
-    path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=node_fractions is not None)
+    path, own = node_times.passed_nodes(path, at_speed=bool(np.any(rates)), every=node_fractions is not None)
     if len(path.attitudes) == 1:
         return at_rest(query, path, query.settings.order, 2, len(own))
-    fractions = schedule.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
+    fractions = node_times.node_fractions(path.edge_costs) if node_fractions is None else node_fractions
     nodes = PathNodes(
         attitudes=path.attitudes,
         joints=path.joints,
         fractions=np.asarray(fractions, float),
-        turns=schedule.edge_turns(path.attitudes),
+        turns=node_times.edge_turns(path.attitudes),
         rates=rates,
     )
     problem = PaperProblem(

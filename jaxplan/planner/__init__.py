@@ -8,7 +8,7 @@ from jaxplan.planner.record import Plan, PlanningError, load_plan
 from jaxplan.runtime.lazy_imports import late
 
 if TYPE_CHECKING:
-    from jaxplan.planner.runs import plan, plan_batch
+    from jaxplan.planner.entry_points import plan, plan_batch
 
 __all__ = [
     "Plan",
@@ -22,4 +22,6 @@ __all__ = [
     "save_plan",
 ]
 
-__getattr__ = late(__name__, {name: f"jaxplan.planner.runs:{name}" for name in ("plan", "plan_batch")})
+__getattr__ = late(
+    __name__, {name: f"jaxplan.planner.entry_points:{name}" for name in ("plan", "plan_batch")}
+)

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.model.goals import LEAST_TIME, GivenState
-from jaxplan.model.hidden import rounded_up
+from jaxplan.model.hidden_spans import rounded_up
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.goal import Decomposition
-from jaxplan.goal.reasons import apart, off
+from jaxplan.goal.unreachable_messages import apart, off
 from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
-from jaxplan.model.hidden import rounded_up
+from jaxplan.model.hidden_spans import rounded_up
 from jaxplan.model.limits import longest
 from jaxplan.model.scenario import Scenario, known_until, moves, seen_from, target_paths
 from jaxplan.model.status import Status

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxplan.model.breaches import ROUNDING, constraint_breaches, in_own_zone
 from jaxplan.model.goals import Targets
-from jaxplan.model.hidden import hidden_words
+from jaxplan.model.hidden_spans import hidden_words
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.scenario import Scenario, known_until, moves, target_paths
 from jaxplan.model.wheels import MINIMAX, row_names

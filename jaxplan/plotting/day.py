@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.model.activities import Segment
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
-from jaxplan.model.timeline import Segment
 from jaxplan.planner import Plan
 from jaxplan.plotting.target_spans import followings
 from jaxplan.runtime.display import shown

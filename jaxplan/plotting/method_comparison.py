@@ -1,10 +1,10 @@
 """Planners and methods compared, one per line: the paper's Table 4 as figures, and durations beside a bound.
 
-A *row* is the result of one planner on the scenes of one kind (`jaxplan.study.table4.Row`); a *printed* row
-is one that the paper prints, and is drawn in grey. A path is *found* when its planner says so, and *clear*
-when no zone is broken along its whole edges. A planner has one colour in all panels, by its position in
-`jaxplan.search.PLANNERS`, whichever planners are compared. The first line of a panel is at height 0 of the
-vertical axis, the next at 1 below it.
+A *row* is the result of one planner on the scenes of one kind (`jaxplan.study.printed_planners.Row`); a
+*printed* row is one that the paper prints, and is drawn in grey. A path is *found* when its planner says so,
+and *clear* when no zone is broken along its whole edges. A planner has one colour in all panels, by its
+position in `jaxplan.search.PLANNERS`, whichever planners are compared. The first line of a panel is at height
+0 of the vertical axis, the next at 1 below it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect_any, several
 from jaxplan.search import PLANNERS
-from jaxplan.study.table4 import Row
+from jaxplan.study.printed_planners import Row
 
 _CLEAR_MARK: Look = {"marker": "o", "markersize": 5.5, "linestyle": "none"}
 _FOUND_MARK: Look = {"marker": "D", "markersize": 5, "linestyle": "none", "markerfacecolor": "white"}
@@ -79,8 +79,8 @@ def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> li
     the mean, and stands last.
 
     Args:
-        rows: what `jaxplan.study.table4.compare` returns, perhaps with `printed_rows` of the same module.
-            Kinds and planners are drawn in the order in which they first appear.
+        rows: what `jaxplan.study.printed_planners.compare` returns, perhaps with `printed_rows` of the same
+            module. Kinds and planners are drawn in the order in which they first appear.
         ax: four axes per kind, from left to right; a figure to put them in, or None for a new one.
         legend: whether to explain the marks at the foot of the figure.
 
@@ -92,7 +92,7 @@ def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> li
         ValueError: if there are no rows, or another number of axes is given.
 
     Example:
-        >>> from jaxplan.study.table4 import compare, printed_rows
+        >>> from jaxplan.study.printed_planners import compare, printed_rows
         >>> jp.plot.table4([*compare(["keep_out"], count=5), *printed_rows(["keep_out"])])
     """
     kinds = _group_by_kind(rows)
@@ -140,8 +140,10 @@ def _is_printed(row: Row) -> bool:
 def _group_by_kind(rows: Iterable[Row]) -> list[list[Row]]:
     """Check rows and group them by their kind of scenes; printed rows come last in each group."""
     kinds: dict[str, list[Row]] = {}
-    for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
-        expect_any(f"rows[{number}]", row, (Row,), "a row of jaxplan.study.table4.compare")
+    for number, row in enumerate(
+        several("rows", rows, "rows, as jaxplan.study.printed_planners.compare returns")
+    ):
+        expect_any(f"rows[{number}]", row, (Row,), "a row of jaxplan.study.printed_planners.compare")
         kinds.setdefault(row.kind, []).append(row)
     return [sorted(of_kind, key=_is_printed) for of_kind in kinds.values()]
 

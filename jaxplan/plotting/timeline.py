@@ -1,9 +1,9 @@
 """A timeline's plan as one figure: rows of what is done above panels of margins, rates, joints and so on.
 
 All share one axis of time. From top to bottom there are rows of activities and devices
-(`jaxplan.plotting.schedule`), the smallest margin to each zone, the pointing error of each device beside its
-tolerance, the platform's angular velocity, the angles of joints, and the momenta of wheels. Slews are grey in
-all of them.
+(`jaxplan.plotting.activity_bars`), the smallest margin to each zone, the pointing error of each device beside
+its tolerance, the platform's angular velocity, the angles of joints, and the momenta of wheels. Slews are
+grey in all of them.
 """
 
 from collections.abc import Callable
@@ -17,9 +17,7 @@ from matplotlib.lines import Line2D
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting import margin_panels
-from jaxplan.plotting.limit_lines import barrier
-from jaxplan.plotting.margin_panels import margins_over_time
-from jaxplan.plotting.schedule import (
+from jaxplan.plotting.activity_bars import (
     draw_rows,
     lane_height,
     row_count,
@@ -29,6 +27,8 @@ from jaxplan.plotting.schedule import (
     slews,
     write_names,
 )
+from jaxplan.plotting.limit_lines import barrier
+from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.style import (
     GREY,
     KEEP_OUT,

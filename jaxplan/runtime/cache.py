@@ -134,7 +134,7 @@ _settings_lock = threading.Lock()
 def written_once() -> Iterator[None]:
     """Keep JAX from writing to its own cache while this with block, or one in another thread, runs.
 
-    Executables are written by `jaxplan.runtime.executables` then; serialising them again would take as long.
+    Executables are written by `jaxplan.runtime.kernel_files` then; serialising them again would take as long.
     """
     import jax
 

@@ -18,7 +18,7 @@ faster. `quick_jit` asks for the older one where the installed XLA still has it;
 has not. While JAX traces and lowers a kernel, Python does not look for cyclic garbage
 (`jaxplan.runtime.garbage`).
 
-What has been compiled is kept between processes (`jaxplan.runtime.executables`).
+What has been compiled is kept between processes (`jaxplan.runtime.kernel_files`).
 """
 
 import inspect
@@ -34,7 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.runtime import executables
+from jaxplan.runtime import kernel_files
 from jaxplan.runtime.garbage import uncollected
 from jaxplan.runtime.precompile import still_wanted
 
@@ -130,7 +130,7 @@ def quick_jit(
 
     The time is halved only with an XLA that still has the older kind of loops (see the module). A thread that
     needs what another one is compiling waits for that. Later processes read what is compiled without tracing
-    the function again (`jaxplan.runtime.executables`).
+    the function again (`jaxplan.runtime.kernel_files`).
 
     Args:
         function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
@@ -247,18 +247,18 @@ def _load_or_compile(
     """
     global _new_kernels
     # The same function may be jitted in two ways.
-    name, text = executables.name_of(function), executables.text_of((kinds, *sorted(flags.items())))
-    kept = executables.load(name, text)
+    name, text = kernel_files.name_of(function), kernel_files.text_of((kinds, *sorted(flags.items())))
+    kept = kernel_files.load(name, text)
     if kept is None:
-        with executables.one_at_a_time(name, text):
-            kept = executables.load(name, text)
+        with kernel_files.one_at_a_time(name, text):
+            kept = kernel_files.load(name, text)
             if kept is None:
                 known = known_options(**flags)  # JAX accepts options at the outermost level only
                 with uncollected():
                     lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
                 if not still_wanted():
                     raise NoLongerWantedError
-                return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
+                return cast(Callable[..., Answer], kernel_files.compile_and_keep(lowered, name, text))
     _new_kernels += 1
     return kept
 

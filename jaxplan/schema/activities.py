@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.model.activities import Activity, in_order
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Activity, in_order
 from jaxplan.schema.checks import RATES, check_targets, check_unique
 from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest

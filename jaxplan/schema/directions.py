@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.schema.arrays import DIRECTION, Array, units
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest
 from jaxplan.schema.model_tables import KINDS, declared

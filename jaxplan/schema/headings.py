@@ -3,9 +3,9 @@
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from jaxplan.model.activities import LOOK_AHEAD, SHORTEST, SLEWS
 from jaxplan.model.export_names import REFERENCE_FRAMES, ExportNames, name_faults
 from jaxplan.model.file_keys import keyed
-from jaxplan.model.timeline import LOOK_AHEAD, SHORTEST, SLEWS
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.model_tables import KINDS
 from jaxplan.schema.tables import Field, table

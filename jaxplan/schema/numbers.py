@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.geometry.vectors import array_module
+from jaxplan.model.activities import Timeline
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.timeline import Timeline
 from jaxplan.schema.arrays import Array, PerAxis, range_of, within_a_turn
 from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.model.bound import Bound
+from jaxplan.model.bound_sights import Bound
 from jaxplan.model.outlines import corner_angle
 from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from jaxplan import sky
+from jaxplan.model.activities import SHORTEST, Activity, Timeline
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.timeline import SHORTEST, Activity, Timeline
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts

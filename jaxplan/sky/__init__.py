@@ -22,6 +22,7 @@ The package needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for tw
 messages also the extra ``oem``, for kernels of SPICE ``spice``.
 """
 
+from jaxplan.sky.body_zones import keep_out, path
 from jaxplan.sky.circular import CircularOrbit
 from jaxplan.sky.ephemeris import Ephemeris, EphemerisError, read_oem
 from jaxplan.sky.frames import BODIES, RADII
@@ -42,7 +43,6 @@ from jaxplan.sky.sights import (
 )
 from jaxplan.sky.spk import SpkBody, read_spk
 from jaxplan.sky.two_line_elements import StaleTleWarning, Tle, TleError, parse_tle
-from jaxplan.sky.zone import keep_out, path
 
 __all__ = [
     "BODIES",

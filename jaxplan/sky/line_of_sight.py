@@ -18,13 +18,13 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import parse_epoch
-from jaxplan.model.hidden import UNNAMED, Hidden
+from jaxplan.model.hidden_spans import UNNAMED, Hidden
 from jaxplan.runtime.arguments import number
 from jaxplan.runtime.display import shown
+from jaxplan.sky.body_zones import path
 from jaxplan.sky.frames import RADII
 from jaxplan.sky.ground import GroundPoint, elevation
 from jaxplan.sky.sights import Epoch, Thing, drift_times, positions
-from jaxplan.sky.zone import path
 
 _GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
 _TERNARY_ITERATIONS = 40  # iterations of ternary search for an extremum, to 2e-6 s of the 20 s about it

@@ -30,8 +30,8 @@ from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.time_shift import later, later_goal
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone
+from jaxplan.planner.entry_points import as_filed
 from jaxplan.planner.record import Plan, end_rates
-from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.arguments import expect, expect_any, floats, several

@@ -5,7 +5,7 @@
 
 `task` defines what a study plans and divides it into blocks and chunks, `run` hands these to workers, `rows`
 makes table rows of the plans, and `store` keeps the rows on disk. `result` and `comparison` summarize them.
-`table4` runs studies that search for paths only, without planning the motion along them.
+`printed_planners` runs studies that search for paths only, without planning the motion along them.
 """
 
 from jaxplan.study.comparison import Comparison, compare_studies

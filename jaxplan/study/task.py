@@ -19,7 +19,7 @@ import numpy as np
 from jaxplan.cases import RANDOM_KINDS, random_scenario
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
-from jaxplan.planner.runs import as_filed
+from jaxplan.planner.entry_points import as_filed
 from jaxplan.runtime.arguments import several
 from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
 from jaxplan.search import PLANNERS

@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, certify_batch, margin_and_peaks
+from jaxplan.model.activities import Timeline
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
 from jaxplan.model.limits import limits
@@ -21,7 +22,6 @@ from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.time_shift import later
-from jaxplan.model.timeline import Timeline
 from jaxplan.planner.messages import FOR_LONGER
 from jaxplan.runtime.arguments import expect_any
 from jaxplan.runtime.display import aligned, as_table, shown

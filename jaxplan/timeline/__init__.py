@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from jaxplan.model.timeline import Segment
+from jaxplan.model.activities import Segment
 from jaxplan.runtime.lazy_imports import late
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan, load_timeline_plan
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from jaxplan.model.activities import Activity
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Activity
 from jaxplan.timeline.motions import Doing, Motion, Refused
 
 _TIME_TOLERANCE = 1e-9  # s, by which a time may be late

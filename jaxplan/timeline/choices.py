@@ -15,8 +15,8 @@ the slew ends. Derivatives of a timeline hold these choices fixed, and let the n
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+from jaxplan.model.activities import Activity
 from jaxplan.model.path import Path
-from jaxplan.model.timeline import Activity
 from jaxplan.runtime.display import shown
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory

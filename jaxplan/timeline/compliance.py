@@ -13,10 +13,10 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate.limits import TOLERANCE
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.activities import Activity, Segment, Timeline, in_order
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Activity, Segment, Timeline, in_order
 from jaxplan.trajectory import Trajectory
 
 _TIME_TOLERANCE = 1e-6  # s, by which a time may be missed because of rounding

@@ -6,7 +6,7 @@ violates no other row.
 
 import numpy as np
 
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.interior_point import BoxQP, solve_box_qps
 
 _MAX_ROUNDS = 12  # most rounds in which rows are added
 _ROW_TOLERANCE = 1e-9  # rad, by which a row may be violated and still counts as kept

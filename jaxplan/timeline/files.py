@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.model.activities import REST, Timeline, in_order
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import REST, Timeline, in_order
 from jaxplan.planner.files import CERTIFICATE, PlanFileError, plain, record_table, trajectory_table
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.files import replacing_file

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.model.activities import Activity, Timeline
 from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.goals import Targets
-from jaxplan.model.hidden import Hidden, after_hidden
+from jaxplan.model.hidden_spans import Hidden, after_hidden
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.timeline import Activity, Timeline
 from jaxplan.planner.validity import breaches
 
 _TIME_TOLERANCE = 1e-9  # s, by which rounding may let a target be hidden too soon

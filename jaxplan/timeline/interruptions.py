@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.activities import Segment, Timeline
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.equality import same
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory import Trajectory
 

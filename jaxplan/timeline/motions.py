@@ -16,17 +16,17 @@ from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.followed_goal import with_wishes_met
 from jaxplan.goal.rates import least_rates
+from jaxplan.model.activities import Activity
 from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
-from jaxplan.model.hidden import after_hidden
+from jaxplan.model.hidden_spans import after_hidden
 from jaxplan.model.path import Goal
 from jaxplan.model.robust import Robust, usable
 from jaxplan.model.scenario import STRETCHED, Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Activity
 from jaxplan.planner import messages
 from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves

@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.activities import Segment, Timeline
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.planner.validity import start_breaches
 from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving

@@ -17,8 +17,8 @@ from itertools import pairwise
 import numpy as np
 
 from jaxplan.certificate import Certificate, faults_later
+from jaxplan.model.activities import CALM, REST, Activity, Timeline, in_order
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import CALM, REST, Activity, Timeline, in_order
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.timeline import curves, proving

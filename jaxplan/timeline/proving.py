@@ -17,12 +17,12 @@ import numpy as np
 
 from jaxplan.certificate import Certificate, Claim, EndState, certify, faults_later, prove_margins
 from jaxplan.certificate.limits import TOLERANCE
+from jaxplan.model.activities import Segment, Timeline
 from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
 from jaxplan.model.time_shift import later
-from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
 from jaxplan.timeline.compliance import Done, unmet

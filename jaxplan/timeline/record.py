@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.activities import Segment, Timeline
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.planner.record import report_summary
 from jaxplan.runtime.display import aligned, as_table, in_columns, shown
 from jaxplan.timeline.choices import Choice

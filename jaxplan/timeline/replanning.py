@@ -7,8 +7,8 @@ reused. That it breaks nothing of what is asked now is proved anew.
 from collections.abc import Sequence
 from dataclasses import fields
 
+from jaxplan.model.activities import Activity, Timeline, in_order
 from jaxplan.model.equality import same
-from jaxplan.model.timeline import Activity, Timeline, in_order
 from jaxplan.runtime.arguments import expect
 from jaxplan.schema.faults import nearest
 from jaxplan.timeline.record import TimelinePlan

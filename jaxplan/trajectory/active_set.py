@@ -25,15 +25,15 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import sqp
-from jaxplan.trajectory.active_set_qp import downward_way, least_change
 from jaxplan.trajectory.binding import ActiveSet, BindingLinear, BindingLoads, BindingMargins
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
 from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.exact_qp import downward_way, least_change
 from jaxplan.trajectory.ladder import Attempt, finished
 from jaxplan.trajectory.motion import Iterates, Stack
+from jaxplan.trajectory.node_times import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.optimality import curve_of, flat, linearised
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
-from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _PADDING = (64, 16, 16)  # least padded numbers of rows: linear ones, of loads, of margins

@@ -4,7 +4,7 @@ As the inputs change, Newton's method follows the root of the optimality conditi
 the same rows bind, the implicit function theorem gives the derivatives of the root in all inputs. The
 following are held fixed, in an `ActiveSet`: the rows that bind, their places on the intervals, and the
 branches of logarithms. When each node is passed, and where breaks lie close, follows the pace along the path
-(`schedule`), and with it duration and limits. If nodes are passed exactly, each edge's share of the path is
+(`node_times`), and with it duration and limits. If nodes are passed exactly, each edge's share of the path is
 held fixed, too.
 
 Automatic differentiation, forward or reverse, gives ``dz = -K^-1 (dF / d inputs)`` with the matrix ``K``, the
@@ -29,14 +29,14 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
-from jaxplan.trajectory import schedule
+from jaxplan.trajectory import node_times
 from jaxplan.trajectory.binding import ActiveSet, FitInputs, Traced
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.measures import to_limits
+from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.optimality import curve_of, flat, matrix, residual
 from jaxplan.trajectory.problem import tube_radius, wanted_margins
-from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 
 _MAX_NEWTON_STEPS = 5  # of Newton's method, at most, before a last one, from which derivatives are taken
@@ -137,9 +137,9 @@ def _time_nodes_by_pace(
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.diff(joints, axis=0)
     on = jnp.diff(held.places) > 0
-    times = jnp.where(on, schedule.edge_times(turns, moves, craft), 0)
-    shares = jnp.where(jnp.arange(len(held.places)) > 0, schedule.node_fractions(times, on), 0)
-    rise = schedule.rise_time(turns, moves, craft)
+    times = jnp.where(on, node_times.edge_times(turns, moves, craft), 0)
+    shares = jnp.where(jnp.arange(len(held.places)) > 0, node_times.node_fractions(times, on), 0)
+    rise = node_times.rise_time(turns, moves, craft)
     along = jnp.maximum(jnp.sum(times), held.least_length)
     profile = TrapezoidalProfile.quickest(along, rise)
     if held.stretched:

@@ -1,8 +1,8 @@
 """The matrix ``M = G H^-1 G^T`` of a program's rows, and the solution of systems ``(M + D) y = r``.
 
-``D`` is a positive diagonal. Programs of `program` have r rows ``G`` on the k free coefficients of each of A
-axes and on the relative change of the duration, and the same Hessian ``H`` (k, k) for every axis. A row's
-slopes are a sum of P products of an array (r, P, A) of the axes and one (r, P, k) of the basis
+``D`` is a positive diagonal. Programs of `step_programs` have r rows ``G`` on the k free coefficients of each
+of A axes and on the relative change of the duration, and the same Hessian ``H`` (k, k) for every axis. A
+row's slopes are a sum of P products of an array (r, P, A) of the axes and one (r, P, k) of the basis
 (`constraints`). Where few rows are near their bounds, the matrix is formed and factored as it is
 (`DenseGram`). The platform's limits may bind at most of its places, which gives many more rows than the
 platform has unknowns; then (`PlatformGram`) the system is solved for those unknowns ``u`` instead:

@@ -16,8 +16,8 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.trajectory.ladder import Attempt, first_curve
+from jaxplan.trajectory.node_times import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, discretise
-from jaxplan.trajectory.schedule import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.splines import Basis
 from jaxplan.trajectory.sqp import InitialGuess
 

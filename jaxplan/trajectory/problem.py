@@ -28,11 +28,11 @@ from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.scores import room
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
-from jaxplan.trajectory import schedule
+from jaxplan.trajectory import node_times
 from jaxplan.trajectory.chart import CHART_REACH, Chart, farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.kernels import Body
-from jaxplan.trajectory.schedule import TrapezoidalProfile, along
+from jaxplan.trajectory.node_times import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _MIN_INTERVALS = 32  # least number of intervals of a spline; more follow zones more closely, but cost time
@@ -217,19 +217,22 @@ class FitProblem:
         """
         turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
         alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
-        if self.spacecraft.wheels and schedule.turn_time(turn, self.spacecraft) >= _BIND_FACTOR * self.bound:
+        if (
+            self.spacecraft.wheels
+            and node_times.turn_time(turn, self.spacecraft) >= _BIND_FACTOR * self.bound
+        ):
             return True
         return bool(_BIND_FACTOR * alone >= self.bound)
 
     @cached_property
     def times(self) -> np.ndarray:
         """(m,) s, time that each of the m edges takes at full speed."""
-        return np.asarray(schedule.edge_times(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
+        return np.asarray(node_times.edge_times(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @cached_property
     def rise(self) -> float:
         """Time in s in which the axis that moves longest accelerates to its full rate."""
-        return float(schedule.rise_time(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
+        return float(node_times.rise_time(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @property
     def least_length(self) -> float:
@@ -255,7 +258,7 @@ class FitProblem:
         if self.fractions is not None:
             places = self.fractions
         else:
-            shares = schedule.node_fractions(self.times)
+            shares = node_times.node_fractions(self.times)
             places = shares if self.at_speed else profile.places(shares)
         each = _INTERVALS_PER_TUBE_NODE if np.isfinite(radius) else 0.0
         if radius == 0:

@@ -23,8 +23,8 @@ from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, members_of, mixed
 from jaxplan.trajectory.problem import DiscreteProblem
-from jaxplan.trajectory.program import Multipliers, QPSolution, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
+from jaxplan.trajectory.step_programs import Multipliers, QPSolution, QuadraticProgram, decrease_bound, solve
 
 TOGETHER = 16  # problems of a stack; with more, access to memory takes the time
 _ENOUGH_STEPS = 16  # steps after which a search goes on only if its duration still falls

@@ -23,14 +23,14 @@ from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.status import Status
 from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import guesses, schedule
+from jaxplan.trajectory import guesses, node_times
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, checked, fit_each
 from jaxplan.trajectory.full_wheels import full_at_goal
 from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
+from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem, Timing
-from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
@@ -64,7 +64,7 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
     It has four continuous derivatives and least energy (rate, acceleration and jerk with the settings'
     weights) among those that pass the nodes within the tube, keep all limits and stay clear of the zones. The
-    nodes are passed at the pace of a trapezoid (`schedule`). What else is done depends on
+    nodes are passed at the pace of a trapezoid (`node_times`). What else is done depends on
     ``settings.duration``:
 
     - A number of seconds is kept.
@@ -108,13 +108,13 @@ def _prepare(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     if not (np.all(np.isfinite(path.attitudes)) and np.all(np.isfinite(path.joints))):
         message = "a node of the path is not made of finite numbers"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
-    path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=fractions is not None)
+    path, own = node_times.passed_nodes(path, at_speed=bool(np.any(rates)), every=fractions is not None)
     if len(path.attitudes) == 1:
         return at_rest(query, path, DEGREE, SMOOTHNESS, len(own))
     problem = FitProblem(
         attitudes=path.attitudes,
         joints=path.joints,
-        turns=schedule.edge_turns(path.attitudes),
+        turns=node_times.edge_turns(path.attitudes),
         fractions=None if fractions is None else np.asarray(fractions, float),
         rates=rates,
         spacecraft=spacecraft,

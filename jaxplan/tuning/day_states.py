@@ -26,11 +26,11 @@ from jaxplan.goal.derivative import differentiable_goal
 from jaxplan.goal.followed_goal import AS_A_STATE, followed_by
 from jaxplan.goal.free_devices import MadeWay
 from jaxplan.goal.rates import differentiable_rates
+from jaxplan.model.activities import Activity
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import LEAST_ROTATION, Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
-from jaxplan.model.timeline import Activity
 from jaxplan.model.zones import Turns, masks
 from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.motions import Motion, with_room

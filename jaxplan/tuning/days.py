@@ -29,10 +29,10 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
 from jaxplan.gradients import differentiable
+from jaxplan.model.activities import Activity, Timeline
 from jaxplan.model.duration_bound import moving_bound, rest_bounds
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Activity, Timeline
 from jaxplan.timeline import TimelinePlan, plan_timeline
 from jaxplan.timeline.choices import BOUND, FIXED, NEEDED, SEEN, Choice, SlewTime
 from jaxplan.timeline.motions import Motion

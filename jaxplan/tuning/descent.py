@@ -22,7 +22,7 @@ import numpy as np
 from jaxplan.derivatives import Held, expect_followable, expect_known_time, follow_and_hold, hold_each
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
-from jaxplan.planner.runs import as_filed, plan_with_fits
+from jaxplan.planner.entry_points import as_filed, plan_with_fits
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
@@ -34,7 +34,7 @@ from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import with_numbers
 from jaxplan.study.result import Printed, counted
 from jaxplan.trajectory import Fit, Trajectory
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.node_times import FEWEST_NODES, padded
 from jaxplan.tuning.objectives import (
     MARGIN,
     Objective,

@@ -453,7 +453,7 @@ def test_the_comparison_is_drawn_where_it_is_asked_for(capsys, monkeypatch, tmp_
     assert "rrt_connect" in out
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["table4.png"]
     assert f"wrote {tmp_path / 'out' / 'table4.png'}" in err
-    monkeypatch.setattr("jaxplan.study.table4.compare", lambda *_, **__: pytest.fail("searched"))
+    monkeypatch.setattr("jaxplan.study.printed_planners.compare", lambda *_, **__: pytest.fail("searched"))
     (tmp_path / "file").write_text("mine")
     for folder, said in {
         "": "DIR of -o is empty",
@@ -499,7 +499,7 @@ def test_help_needs_no_jax():
 
 
 def test_checking_a_file_loads_neither_what_plans_nor_what_draws(planned):
-    others = ["matplotlib", "optax", "scipy", "tqdm", "jaxplan.goal", "jaxplan.planner.runs"]
+    others = ["matplotlib", "optax", "scipy", "tqdm", "jaxplan.goal", "jaxplan.planner.entry_points"]
     others += ["jaxplan.search.mha", "jaxplan.trajectory.sqp", "jaxplan.report", "jaxplan.exporting"]
     program = (
         "import json, sys; from jaxplan.cli import main\n"
@@ -519,7 +519,7 @@ def test_a_command_leaves_the_callers_collector_alone(capsys):
 
 
 def test_kernels_that_xla_refuses_are_told_of_on_stderr(capsys, monkeypatch):
-    monkeypatch.setattr("jaxplan.runtime.executables._refused_count", 2)
+    monkeypatch.setattr("jaxplan.runtime.kernel_files._refused_count", 2)
     code, out, err = run(capsys, "validate", "case-1")
     assert code == 0
     assert "refused 2 of the kernels" in err

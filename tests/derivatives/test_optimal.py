@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 import jaxplan as jp
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.active_set import FitRecord
-from jaxplan.trajectory.active_set_qp import downward_way, least_change
+from jaxplan.trajectory.exact_qp import downward_way, least_change
 from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
 

@@ -10,7 +10,7 @@ import jaxplan as jp
 from jaxplan.model.path import Path
 from jaxplan.model.zones import KeepOut
 from jaxplan.search.paths import make_path
-from jaxplan.study import table4
+from jaxplan.study import printed_planners
 
 
 def straight_path(scene, edges: int) -> Path:
@@ -33,7 +33,10 @@ def test_a_path_is_clear_when_the_sampled_margin_is_everywhere_positive(edges):
         )
         margin = sampled_margin(scene, *states).min()
         if abs(margin) > 1e-3:
-            verdict = np.all(table4.least_margins(scene, straight_path(scene, edges)) >= -table4.TOLERANCE)
+            verdict = np.all(
+                printed_planners.least_margins(scene, straight_path(scene, edges))
+                >= -printed_planners.TOLERANCE
+            )
             assert verdict == (margin > 0)
             verdicts.add(verdict)
     assert verdicts == {True, False}
@@ -44,12 +47,12 @@ def test_a_path_is_clear_when_the_sampled_margin_is_everywhere_positive(edges):
     [(19, 20, 0.7639, 0.9911), (20, 20, 0.8389, 1.0), (0, 5, 0.0, 0.4345), (0, 0, 0.0, 1.0)],
 )
 def test_intervals_are_wilsons(successes, trials, low, high):
-    np.testing.assert_allclose(table4.success_interval(successes, trials), (low, high), atol=1e-4)
+    np.testing.assert_allclose(printed_planners.success_interval(successes, trials), (low, high), atol=1e-4)
 
 
 @pytest.mark.slow
 def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
-    rows = table4.compare(("keep_out", "hard_keep_in"), ("mha", "mha-paper"), count=2)
+    rows = printed_planners.compare(("keep_out", "hard_keep_in"), ("mha", "mha-paper"), count=2)
     assert [(row.kind, row.planner) for row in rows] == [
         ("keep_out", "mha"),
         ("keep_out", "mha-paper"),
@@ -59,32 +62,34 @@ def test_all_planners_get_the_same_scenes_and_every_kind_its_rows():
     for row in rows:
         assert row.scenes == len(row.seconds) == 2
         assert len(row.nodes) == len(row.steps) == row.clear <= row.found <= 2
-    again = table4.compare(("keep_out",), ("mha",), count=2)
+    again = printed_planners.compare(("keep_out",), ("mha",), count=2)
     np.testing.assert_array_equal(again[0].steps, rows[0].steps)
 
 
 @pytest.mark.slow
 def test_rows_are_studies_whose_tables_are_the_same_again_and_compare():
-    first, again = (table4.search_study(range(3), "hard_keep_in", "wastar") for _ in range(2))
+    first, again = (printed_planners.search_study(range(3), "hard_keep_in", "wastar") for _ in range(2))
     assert json.dumps(first.table) == json.dumps(again.table)
-    row = table4.row_of_study(first)
+    row = printed_planners.row_of_study(first)
     assert (row.found, row.clear) == (first.planned, sum(one["certified"] for one in first.table))
     for one in first.table:
         assert one["certified"] == (one["min_margin_deg"] is not None and one["min_margin_deg"] >= -1e-6)
-    compared = jp.compare_studies(first, table4.search_study(range(3), "hard_keep_in", "mha"))
+    compared = jp.compare_studies(first, printed_planners.search_study(range(3), "hard_keep_in", "mha"))
     assert (compared.scenes, compared.both + compared.only_first) == (3, row.found)
 
 
 def test_scenes_proved_infeasible_are_left_out(monkeypatch):
-    monkeypatch.setattr(table4, "find_barrier", lambda scene: object())
-    (row,) = table4.compare(("keep_out",), ("mha",), count=1)
+    monkeypatch.setattr(printed_planners, "find_barrier", lambda scene: object())
+    (row,) = printed_planners.compare(("keep_out",), ("mha",), count=1)
     assert row.scenes == row.found == 0
-    assert "0/0" in table4.format_table([row])
+    assert "0/0" in printed_planners.format_table([row])
 
 
 def test_the_table_lines_up_and_shows_the_papers_rows_beside():
-    rows = table4.compare(("keep_out",), ("mha",), count=1)
-    lines = table4.format_table([*rows, replace(rows[0], planner="other", kind="held_links")]).splitlines()
+    rows = printed_planners.compare(("keep_out",), ("mha",), count=1)
+    lines = printed_planners.format_table(
+        [*rows, replace(rows[0], planner="other", kind="held_links")]
+    ).splitlines()
     assert sum("paper's" in line for line in lines) == 3
     assert len({line.index("/") for line in lines if "/" in line}) == 1
     assert len({len(line) for line in lines if "mha" in line or "MinT" in line}) == 1

@@ -11,7 +11,7 @@ from jaxplan import sky
 from jaxplan.cli import main
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import Targets
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.model.status import Status
 from jaxplan.planner.steps import find_goals
 

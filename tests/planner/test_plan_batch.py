@@ -9,7 +9,7 @@ from fake_study import die
 from trust import golden
 
 import jaxplan as jp
-from jaxplan.planner import runs
+from jaxplan.planner import entry_points
 
 
 def scenarios() -> list[jp.Scenario]:
@@ -97,7 +97,7 @@ def test_other_processes_give_the_same_plans(batch):
 
 
 def test_a_process_that_dies_is_an_error_that_says_what_outlives_it(monkeypatch):
-    monkeypatch.setattr(runs, "_plan_part", die)
+    monkeypatch.setattr(entry_points, "_plan_part", die)
     with pytest.raises(RuntimeError, match="run_study outlives"):
         jp.plan_batch(scenarios()[:1], workers=1)
 
@@ -122,7 +122,7 @@ def test_each_plan_knows_its_share_of_the_time(batch):
 
 
 def test_long_batches_are_planned_in_parts(batch, monkeypatch):
-    monkeypatch.setattr(runs, "TOGETHER", 3)
+    monkeypatch.setattr(entry_points, "TOGETHER", 3)
     again = jp.plan_batch(scenarios())
     for first, second in zip(batch, again, strict=True):
         expect_agreement(first, second)

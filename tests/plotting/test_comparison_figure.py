@@ -14,7 +14,7 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.plotting import comparison_figure
 from jaxplan.plotting.style import WIDTH
 from jaxplan.search import PLANNERS
-from jaxplan.study.table4 import Row, printed_rows
+from jaxplan.study.printed_planners import Row, printed_rows
 
 
 def make_row(

@@ -14,7 +14,7 @@ from wheels import INERTIA, random_wheels
 
 import jaxplan as jp
 from jaxplan.model.status import Status
-from jaxplan.plotting import schedule
+from jaxplan.plotting import activity_bars
 from jaxplan.plotting.day import DayPlan, as_plan, instants
 from jaxplan.plotting.sky import BETWEEN, FOLLOWED
 from jaxplan.plotting.style import device_style, motion
@@ -62,7 +62,7 @@ def test_the_rest_after_the_last_activity_is_drawn_though_nobody_asked_for_it(pl
     last = next(one for one in reversed(plan.activities) if one.end is not None)
     rest = replace(last, name="rest until the end")
     rested = replace(plan, activities=(*plan.activities, rest))
-    assert len(schedule.followings(rested)) == len(schedule.followings(plan)) > 0
+    assert len(activity_bars.followings(rested)) == len(activity_bars.followings(plan)) > 0
     assert jp.plot.timeline(rested)[0].get_title(loc="left").startswith("day: 2 of 3 activities planned")
 
 
@@ -178,7 +178,7 @@ def test_the_legend_says_what_bars_gaps_and_ticks_are_and_slews_have_no_edges_am
     assert "limit, its ticks on\nthe side beyond it" in ticked
     assert "limit" not in ticked
     for number, axes in enumerate(grid):
-        (shade,) = [bars for bars in axes.collections if bars.get_zorder() == schedule._SLEW["zorder"]]
+        (shade,) = [bars for bars in axes.collections if bars.get_zorder() == activity_bars._SLEW["zorder"]]
         assert bool(len(shade.get_edgecolor())) == (number == 0)
 
 
@@ -187,7 +187,7 @@ def test_rates_are_thin_in_slews_and_all_there(plan, grid):
     (axes,) = [one for one in grid if one.get_ylabel().startswith("platform rate")]
     lines = _lines(axes, len(times))
     slewing = np.zeros(len(times), dtype=bool)
-    for start, end in schedule.slews(plan):
+    for start, end in activity_bars.slews(plan):
         slewing |= (times >= start) & (times <= end)
     assert 0.1 < np.mean(slewing) < 0.9
     for bold, thin in zip(lines[:3], lines[3:], strict=True):
@@ -249,45 +249,57 @@ def test_names_are_shown_letter_by_letter_and_only_where_they_fit():
 
 
 def test_crowded_names_are_turned_and_in_between_stand_beside():
-    bars = [schedule._Bar(row=0, start=10.0 * k, end=10.0 * k + 1, name="image", look={}) for k in range(10)]
-    wide = list(schedule._places(bars, 10.0, 50.0, 100.0, turned=False))
+    bars = [
+        activity_bars._Bar(row=0, start=10.0 * k, end=10.0 * k + 1, name="image", look={}) for k in range(10)
+    ]
+    wide = list(activity_bars._places(bars, 10.0, 50.0, 100.0, turned=False))
     assert [place.side for place in wide] == ["left"] * 10
-    assert not list(schedule._places(bars, 1.0, 50.0, 100.0, turned=False))
-    turned = list(schedule._places(bars, 1.0, 50.0, 100.0, turned=True))
+    assert not list(activity_bars._places(bars, 1.0, 50.0, 100.0, turned=False))
+    turned = list(activity_bars._places(bars, 1.0, 50.0, 100.0, turned=True))
     assert [place.side for place in turned] == ["left"] * 10
-    assert not list(schedule._places(bars, 1.0, 5.0, 100.0, turned=True))
+    assert not list(activity_bars._places(bars, 1.0, 5.0, 100.0, turned=True))
 
 
 def test_bars_of_one_target_in_a_row_are_named_together_and_others_are_not():
     def bars(*named):
         return [
-            schedule._Bar(row=2, start=start, end=end, name=name, look={}, waiting=not name)
+            activity_bars._Bar(row=2, start=start, end=end, name=name, look={}, waiting=not name)
             for start, end, name in named
         ]
 
     every = bars((0, 9, "a"), (9, 10, ""), (10, 20, "a"), (21, 30, "a"), (30, 40, "b"), (60, 70, "b"))
-    found = [(bar.start, bar.end, bar.name) for bar in schedule._join_bars(every, 5.0)]
+    found = [(bar.start, bar.end, bar.name) for bar in activity_bars._join_bars(every, 5.0)]
     assert found == [(0, 30, "a"), (30, 40, "b"), (60, 70, "b")]
     pale = bars((0, 9, "a"), (9, 10, ""), (10, 20, "b"))
-    assert [(bar.start, bar.name) for bar in schedule._join_bars(pale, 5.0)] == [(0, "a"), (9, ""), (10, "b")]
+    assert [(bar.start, bar.name) for bar in activity_bars._join_bars(pale, 5.0)] == [
+        (0, "a"),
+        (9, ""),
+        (10, "b"),
+    ]
 
 
 def test_where_a_crowd_has_no_room_some_names_stand_upon_their_neighbours_that_look_the_same():
-    bars = [schedule._Bar(row=0, start=3.0 * k, end=3.0 * k + 3, name="image", look={}) for k in range(10)]
-    placed = list(schedule._places(bars, 1.0, 50.0, 30.0, turned=True))
+    bars = [
+        activity_bars._Bar(row=0, start=3.0 * k, end=3.0 * k + 3, name="image", look={}) for k in range(10)
+    ]
+    placed = list(activity_bars._places(bars, 1.0, 50.0, 30.0, turned=True))
     middles = [place.time for place in placed]
     assert [place.side for place in placed] == ["center"] * len(placed)
     assert len(placed) == 3
-    assert np.all(np.diff(middles) >= schedule._TURNED)
+    assert np.all(np.diff(middles) >= activity_bars._TURNED)
     mixed = [replace(bar, look={"facecolor": str(number)}) for number, bar in enumerate(bars)]
-    assert not list(schedule._places(mixed, 1.0, 50.0, 30.0, turned=True))
+    assert not list(activity_bars._places(mixed, 1.0, 50.0, 30.0, turned=True))
 
 
 def test_no_name_stands_upon_bars_with_slews_between_where_it_would_not_be_read():
     look = {"facecolor": "0.35"}
-    bars = [schedule._Bar(row=0, start=9.0 * k, end=9.0 * k + 1, name="image", look=look) for k in range(10)]
+    bars = [
+        activity_bars._Bar(row=0, start=9.0 * k, end=9.0 * k + 1, name="image", look=look) for k in range(10)
+    ]
     near = [replace(bar, end=bar.start + 8.5) for bar in bars]
-    sides = [[place.side for place in schedule._places(own, 0.5, 50.0, 90.0, True)] for own in (bars, near)]
+    sides = [
+        [place.side for place in activity_bars._places(own, 0.5, 50.0, 90.0, True)] for own in (bars, near)
+    ]
     assert "center" not in sides[0]
     assert "center" in sides[1]
 
@@ -295,11 +307,11 @@ def test_no_name_stands_upon_bars_with_slews_between_where_it_would_not_be_read(
 def test_in_an_upright_row_the_name_of_a_narrow_bar_is_turned(monkeypatch):
     spans = ((0, 30, "star"), (31, 60, "other"), (61, 71, "park"), (71, 100, "rest"))
     look = {"facecolor": "0.35"}
-    bars = [schedule._Bar(row=0, start=a, end=b, name=name, look=look) for a, b, name in spans]
-    monkeypatch.setattr(schedule, "_rows_of_bars", lambda *_: [bars])
+    bars = [activity_bars._Bar(row=0, start=a, end=b, name=name, look=look) for a, b, name in spans]
+    monkeypatch.setattr(activity_bars, "_rows_of_bars", lambda *_: [bars])
     axes = Figure().subplots()
     axes.set(xlim=(0, 100), ylim=(-0.5, 0.5))
-    schedule.write_names(axes, None, 100.0, (100.0, 60.0))
+    activity_bars.write_names(axes, None, 100.0, (100.0, 60.0))
     turned = {text.get_text(): text.get_rotation() == 90 for text in axes.texts}
     assert turned == {"star": False, "other": False, "park": True, "rest": False}
 
@@ -462,10 +474,10 @@ def test_activities_without_room_for_their_names_have_them_above_the_rows(plan):
 
 def test_places_are_spread_no_farther_than_need_be():
     places = np.array([1.0, 2.0, 3.0, 50.0, 99.0, 99.5])
-    found = schedule.spread(places, 10.0, 100.0)
+    found = activity_bars.spread(places, 10.0, 100.0)
     np.testing.assert_allclose(found, [5.0, 15.0, 25.0, 50.0, 85.0, 95.0])
-    np.testing.assert_allclose(schedule.spread(np.array([40.0, 42.0]), 10.0, 100.0), [36.0, 46.0])
-    assert len(schedule.spread(np.array([]), 10.0, 100.0)) == 0
+    np.testing.assert_allclose(activity_bars.spread(np.array([40.0, 42.0]), 10.0, 100.0), [36.0, 46.0])
+    assert len(activity_bars.spread(np.array([]), 10.0, 100.0)) == 0
 
 
 def test_the_legend_of_the_rows_makes_no_gap_below_them(plan):

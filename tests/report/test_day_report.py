@@ -10,9 +10,9 @@ from days import ERROR, day, zone
 from html_page import NASTY, Page
 
 import jaxplan as jp
+from jaxplan.model.activities import Segment
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Segment
-from jaxplan.plotting import schedule
+from jaxplan.plotting import activity_bars
 from jaxplan.report.day import day_page, duration_text
 from jaxplan.report.markup import tiles
 from jaxplan.timeline import TimelinePlan
@@ -116,7 +116,7 @@ def test_slews_are_counted_as_one_everywhere(plan, rests, monkeypatch):
     assert (
         len(counted.slews)
         == 2 + rests
-        == len(schedule.slews(counted))
+        == len(activity_bars.slews(counted))
         == segments_csv(counted).count(",slew,")
     )
     total = 20.0 + 2.5 * rests

@@ -28,7 +28,7 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.devices import Instrument
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import Targets, Wish
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.model.scenario import SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
@@ -38,8 +38,8 @@ from jaxplan.runtime.display import UNKNOWN, as_table, shown
 from jaxplan.schema.states import LocalState, Pointing
 from jaxplan.search import Barrier, JointBarrier
 from jaxplan.sky import spk
+from jaxplan.study.printed_planners import PAPER_KINDS, Row, printed_rows
 from jaxplan.study.run import run_task
-from jaxplan.study.table4 import PAPER_KINDS, Row, printed_rows
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
 from jaxplan.tuning import SearchTuning, Sensitivities, Sensitivity, Tuning

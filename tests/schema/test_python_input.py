@@ -15,7 +15,7 @@ from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan import so3
-from jaxplan.planner.runs import as_filed
+from jaxplan.planner.entry_points import as_filed
 from jaxplan.schema import load_scenario, with_settings
 
 PACKAGE = Path(jp.__file__).parent
@@ -526,11 +526,11 @@ CALLS = {
     ),
     "table4 of a plan": (
         lambda plan: jp.plot.table4(plan),
-        "rows must be several rows, as jaxplan.study.table4",
+        "rows must be several rows, as jaxplan.study.printed_planners",
     ),
     "table4 of plans": (
         lambda plan: jp.plot.table4([plan]),
-        "rows[0] must be a row of jaxplan.study.table4.comp",
+        "rows[0] must be a row of jaxplan.study.printed_planners.comp",
     ),
     "study of a plan": (lambda plan: jp.plot.study(plan), "studies must be several studies, as jp.run_stu"),
     "study of plans": (lambda plan: jp.plot.study([plan]), "studies[0] must be a Study, as jp.run_study ret"),

@@ -16,7 +16,7 @@ import jaxplan as jp
 from jaxplan import schema as sc
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.schema.reading import take_in
 
 pytest.importorskip("erfa", reason="pyerfa is not installed")

@@ -24,7 +24,7 @@ from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
 from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.paths import STRAIGHT_INTERVALS, straight_call
 from jaxplan.search.scene import Scene, steps_between
-from jaxplan.study.table4 import make_problem
+from jaxplan.study.printed_planners import make_problem
 
 CLEARANCE = np.deg2rad(0.5)
 IN_THE_SKY = ("sun", "station", "shade-1", "shade-2")

@@ -7,7 +7,7 @@ import pytest
 from heavens import teme_to_j2000
 
 from jaxplan import sky
-from jaxplan.model.hidden import Hidden, after_hidden
+from jaxplan.model.hidden_spans import Hidden, after_hidden
 
 EPOCH = "2026-06-20T09:30:00"
 LOW = sky.CircularOrbit(altitude=600.0, inclination=1.7, node=0.2, latitude=1.0)

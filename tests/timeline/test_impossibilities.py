@@ -12,7 +12,7 @@ from reference import unit
 
 import jaxplan as jp
 from jaxplan.cases import case_path
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden_spans import Hidden
 from jaxplan.timeline.impossibilities import _has_visible_span, foreseen
 
 CASES = impossible_places.CASES | impossible_times.CASES

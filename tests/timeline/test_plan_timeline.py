@@ -30,7 +30,7 @@ from reference import FIRST, SECOND, attitudes_of, joints_of, spin_of, stated_ma
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.model.timeline import in_order
+from jaxplan.model.activities import in_order
 from jaxplan.timeline import proving
 from jaxplan.timeline.slews import Departure
 from jaxplan.timeline.tables import interruptions_csv

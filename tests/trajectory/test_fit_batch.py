@@ -15,7 +15,7 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
-from jaxplan.trajectory import FitQuery, fit_batch, qp, sqp
+from jaxplan.trajectory import FitQuery, fit_batch, interior_point, sqp
 
 EACH = 5
 AGREE = 1e-6  # rad of coefficients, s of times
@@ -130,7 +130,7 @@ def test_fits_agree_in_stacks_of_few(queries, monkeypatch):
     given = [*asked(queries, "global", 80.0), *asked(queries, "paper", 80.0)]
     expected = fit_batch(given)
     monkeypatch.setattr(sqp, "TOGETHER", 4)
-    monkeypatch.setattr(qp, "TOGETHER", 3)
+    monkeypatch.setattr(interior_point, "TOGETHER", 3)
     for one, other in zip(fit_batch(given), expected, strict=True):
         expect_to_agree(one, other)
 

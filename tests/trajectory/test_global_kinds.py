@@ -27,7 +27,7 @@ from jaxplan.trajectory.derivative import refit
 from jaxplan.trajectory.ladder import Attempt
 from jaxplan.trajectory.measures import least_margin
 from jaxplan.trajectory.motion import LIMIT
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
+from jaxplan.trajectory.node_times import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import Basis
 
 CRAFT = make_spacecraft(2, 1)  # sights 0 and 1 are terminals, 2 is a camera, 3 an axis of the body

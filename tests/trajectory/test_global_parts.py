@@ -17,9 +17,9 @@ from jaxplan.model.tabulation import tabulate
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory.chart import farthest, fitting
 from jaxplan.trajectory.constraints import margin_slopes
+from jaxplan.trajectory.interior_point import BoxQP, solve_box_qps
 from jaxplan.trajectory.motion import load_slopes
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
-from jaxplan.trajectory.schedule import TrapezoidalProfile, edge_turns
+from jaxplan.trajectory.node_times import TrapezoidalProfile, edge_turns
 from jaxplan.trajectory.splines import DEGREE, Basis, CurveSpace, weighted
 
 RNG = np.random.default_rng(3)

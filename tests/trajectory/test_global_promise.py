@@ -11,7 +11,7 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.steps import wanted_fit
 from jaxplan.trajectory import fit_batch, ladder, sqp
-from jaxplan.trajectory.program import decrease_bound, solve
+from jaxplan.trajectory.step_programs import decrease_bound, solve
 
 
 @pytest.fixture(scope="module")

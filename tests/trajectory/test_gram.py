@@ -5,7 +5,7 @@ import pytest
 from reference import assert_each
 
 from jaxplan.trajectory.gram import DenseGram, PlatformGram, gram_of, order_by_place
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.interior_point import BoxQP, solve_box_qps
 from jaxplan.trajectory.splines import Basis
 
 JOINTS = 4

@@ -26,9 +26,9 @@ from jaxplan.paper.derivative import held_of, nominal_duration, refit
 from jaxplan.paper.segments import ChainRequest, PathNodes, plan_chains
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.node_times import FEWEST_NODES, padded
 from jaxplan.trajectory.optimality import energy_of, offset_of
 from jaxplan.trajectory.peaks import SAFETY
-from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import end_derivatives, weighted
 
 FITS = {

@@ -14,7 +14,7 @@ from jaxplan.model.tabulation import tabulate
 from jaxplan.planner.steps import wanted_fit
 from jaxplan.trajectory import fit_batch, ladder, sqp
 from jaxplan.trajectory.gram import gram, times
-from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
+from jaxplan.trajectory.interior_point import ROUGHLY, BoxQP, solve_box_qps
 
 
 @pytest.fixture(scope="module")

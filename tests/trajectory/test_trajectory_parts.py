@@ -15,7 +15,7 @@ from scipy.optimize import minimize, minimize_scalar
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.paper import qp, segments
 from jaxplan.paper.segments import assemble
-from jaxplan.trajectory import maxima, peaks, schedule, splines
+from jaxplan.trajectory import maxima, node_times, peaks, splines
 
 ORDERS = pytest.mark.parametrize("order", [5, 12, 24])
 
@@ -167,9 +167,9 @@ def test_segments_that_turn_too_far_for_one_chart_are_told():
 
 
 def test_shares_of_time_follow_costs_but_for_the_least():
-    np.testing.assert_array_equal(schedule.node_fractions(np.full(4, 0.3)), [0, 0.25, 0.5, 0.75, 1])
-    np.testing.assert_allclose(schedule.node_fractions(np.array([1.0, 3.0])), [0, 0.25, 1], rtol=1e-15)
-    shares = np.diff(schedule.node_fractions(np.array([1, 1, 0.0, 1, 1])))
+    np.testing.assert_array_equal(node_times.node_fractions(np.full(4, 0.3)), [0, 0.25, 0.5, 0.75, 1])
+    np.testing.assert_allclose(node_times.node_fractions(np.array([1.0, 3.0])), [0, 0.25, 1], rtol=1e-15)
+    shares = np.diff(node_times.node_fractions(np.array([1, 1, 0.0, 1, 1])))
     assert shares[2] == pytest.approx(0.1 * 0.8 / (4 + 0.08), rel=1e-12)  # a tenth of the mean cost
 
 

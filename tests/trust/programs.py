@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from jaxplan.goal import descent
 from jaxplan.paper.qp import SegmentQP, solve_all
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.interior_point import BoxQP, solve_box_qps
 
 TOLERANCE = 1e-6  # of the objective, relative to its size
 EPSILON = 1e-7  # a least squares residual below counts as none

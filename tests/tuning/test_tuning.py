@@ -14,7 +14,7 @@ from quick import quick_jit
 import jaxplan as jp
 from jaxplan.cases import paper_case
 from jaxplan.derivatives import hold_each
-from jaxplan.planner.runs import plan_with_fits
+from jaxplan.planner.entry_points import plan_with_fits
 from jaxplan.runtime.jit import kernel_count
 from jaxplan.schema import scenario_to_dict, with_settings
 from jaxplan.schema.numbers import find_number, with_numbers

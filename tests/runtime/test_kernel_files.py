@@ -11,7 +11,7 @@ import pytest
 from processes import fresh_python
 
 from jaxplan.goal.descent import descent_ends
-from jaxplan.runtime import executables
+from jaxplan.runtime import kernel_files
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search.expansion import _EXPANSION_KERNELS, _expand
 from jaxplan.search.kernel_calls import Layout
@@ -26,7 +26,7 @@ jax.monitoring.register_event_duration_secs_listener(
     lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None
 )
 import jaxplan as jp
-from jaxplan.runtime.executables import refused
+from jaxplan.runtime.kernel_files import refused
 plan = jp.plan(jp.random_scenario(3, "hard_keep_out"), progress=False)
 folder = Path(jax.config.jax_compilation_cache_dir)
 kept = [str(file) for file in folder.glob("kernels-*/*")]
@@ -58,15 +58,15 @@ def test_damaged_executables_are_compiled_again_and_counted(tmp_path):
 
 
 def test_only_functions_that_follow_from_the_package_have_a_name():
-    assert executables.name_of(descent_ends.__wrapped__) == "jaxplan.goal.descent.descent_ends"
-    assert executables.name_of(_expand) == "jaxplan.search.expansion._expand"
-    assert executables.name_of(edge_table.__wrapped__).endswith("edge_table")
-    both = {executables.name_of(kernel.__wrapped__) for kernel in _EXPANSION_KERNELS.values()}
+    assert kernel_files.name_of(descent_ends.__wrapped__) == "jaxplan.goal.descent.descent_ends"
+    assert kernel_files.name_of(_expand) == "jaxplan.search.expansion._expand"
+    assert kernel_files.name_of(edge_table.__wrapped__).endswith("edge_table")
+    both = {kernel_files.name_of(kernel.__wrapped__) for kernel in _EXPANSION_KERNELS.values()}
     assert len(both) == 2
     assert None not in both
     mapped = jax.vmap(descent_ends.__wrapped__)  # has the name of another function
     for foreign in (mapped, lambda x: x, partial(_expand, edges=object()), test_kinds_are_told_apart, np.sin):
-        assert executables.name_of(foreign) is None
+        assert kernel_files.name_of(foreign) is None
 
 
 def test_kinds_are_told_apart():
@@ -76,7 +76,7 @@ def test_kinds_are_told_apart():
         *layouts, *trees, (1, 2), ((1,), 2), "1", 1, 1.0, True, None, float, int, np.float64,
         np.dtype(float), np.dtype(np.float32), ("names", ("a",)), ("names", ("a", "b")),
     ]  # fmt: skip
-    texts = [executables.text_of(kind) for kind in kinds]
+    texts = [kernel_files.text_of(kind) for kind in kinds]
     assert None not in texts
     assert len(set(texts)) == len(kinds)
 
@@ -87,7 +87,7 @@ def test_what_means_nothing_to_another_process_is_not_kept():
         part: object
 
     for kind in (object(), lambda: 0, Foreign(object()), (1, [object()]), np.sin):
-        assert executables.text_of(kind) is None
+        assert kernel_files.text_of(kind) is None
 
 
 def test_kernels_are_told_apart_by_kinds_weak_types_statics_and_precision():
@@ -112,31 +112,31 @@ def test_kernels_are_told_apart_by_kinds_weak_types_statics_and_precision():
 
 
 def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
-    monkeypatch.setattr(executables, "trusted_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernel_files, "trusted_folder", lambda: tmp_path)
     lowered = jax.jit(jnp.sin).lower(1.0)
     for number in range(6):
-        monkeypatch.setattr(executables, "_sources_hash", lambda number=number: f"source-{number}")
-        executables._save_executable(
-            executables._executable_path("jaxplan.sine", "float"), lowered.compile(), calls_library=False
+        monkeypatch.setattr(kernel_files, "_sources_hash", lambda number=number: f"source-{number}")
+        kernel_files._save_executable(
+            kernel_files._executable_path("jaxplan.sine", "float"), lowered.compile(), calls_library=False
         )
     left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == [f"kernels-source-{number}" for number in range(5 - executables._KEPT_FOLDERS, 6)]
+    assert left == [f"kernels-source-{number}" for number in range(5 - kernel_files._KEPT_FOLDERS, 6)]
 
 
 KEEP = """
 import json
 import jax
 import jax.numpy as jnp
-from jaxplan.runtime import cache, executables
+from jaxplan.runtime import cache, kernel_files
 compiled = []
 jax.monitoring.register_event_duration_secs_listener(
     lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None
 )
 cache.keep_by_default()
-executables._sources_hash = lambda: SOURCES
-known = executables.load("jaxplan.sine", "float") is not None
+kernel_files._sources_hash = lambda: SOURCES
+known = kernel_files.load("jaxplan.sine", "float") is not None
 compiled.clear()
-sine = executables.compile_and_keep(jax.jit(jnp.sin).lower(1.0), "jaxplan.sine", "float")
+sine = kernel_files.compile_and_keep(jax.jit(jnp.sin).lower(1.0), "jaxplan.sine", "float")
 programs = list((cache.trusted_folder() / "programs").glob("*"))
 print(json.dumps([known, len(compiled), float(sine(1.0)), len(programs)]))
 """
@@ -151,7 +151,7 @@ def test_what_other_sources_kept_of_the_same_program_is_kept_for_these_and_goes_
     for part in parts:
         for file in part.iterdir():
             file.unlink()
-    executables._prepare_folder(parts[0].parent / "kernels-newer")
+    kernel_files._prepare_folder(parts[0].parent / "kernels-newer")
     assert not list(parts[0].parent.glob("programs/*"))
 
 
@@ -167,17 +167,17 @@ def test_processes_with_several_devices_take_no_executable_of_one(tmp_path):
 LIBRARY = """
 import json
 import jax, jax.numpy as jnp, numpy as np
-from jaxplan.runtime import cache, executables
+from jaxplan.runtime import cache, kernel_files
 cache.keep_by_default()
 functions = {"sine": jnp.sin, "factor": jnp.linalg.cholesky}
 found = []
 for name, function in functions.items():
-    kernel = executables.load(f"jaxplan.{name}", "float")
+    kernel = kernel_files.load(f"jaxplan.{name}", "float")
     known = kernel is not None
     if not known:
         lowered = jax.jit(function).lower(4 * np.eye(2))
-        kernel = executables.compile_and_keep(lowered, f"jaxplan.{name}", "float")
-    prepared = executables._prepare_lapack.cache_info().currsize
+        kernel = kernel_files.compile_and_keep(lowered, f"jaxplan.{name}", "float")
+    prepared = kernel_files._prepare_lapack.cache_info().currsize
     found.append([known, prepared, float(kernel(4 * np.eye(2, dtype=np.float32))[0, 0])])
 print(json.dumps(found))
 """

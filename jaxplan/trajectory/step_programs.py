@@ -4,12 +4,13 @@
 
 over the free changes ``dc`` of all axes, and in brackets over the change ``dT`` of a free duration ``T``,
 subject to elastic rows (inequalities that may be broken at a linear penalty). ``H`` is the same for every
-axis, so its inverse is that of one small matrix, and the dual has one unknown for each row (`qp`). Few rows
-are near their bounds: a program begins with those, and is solved again, in *rounds*, with the rows added that
-its solution breaks (at first, of rows that are exact, only the worst ones), and without those to which it
-leaves much slack. A program that is only a step of a search may be solved *roughly*, from the multipliers of
-the program before. Letters of sizes are those of `motion`; besides, k counts the free coefficients of an
-axis, R the rows, P the products of a slope (`constraints`), and g some of the G curves.
+axis, so its inverse is that of one small matrix, and the dual has one unknown for each row
+(`interior_point`). Few rows are near their bounds: a program begins with those, and is solved again, in
+*rounds*, with the rows added that its solution breaks (at first, of rows that are exact, only the worst
+ones), and without those to which it leaves much slack. A program that is only a step of a search may be
+solved *roughly*, from the multipliers of the program before. Letters of sizes are those of `motion`; besides,
+k counts the free coefficients of an axis, R the rows, P the products of a slope (`constraints`), and g some
+of the G curves.
 
 The matrix of the dual, ``G H^-1 G^T`` of the rows ``G``, is that of `gram`.
 """
@@ -22,8 +23,8 @@ import numpy as np
 
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
 from jaxplan.trajectory.gram import gram_of, order_by_place, times
+from jaxplan.trajectory.interior_point import ROUGHLY, BoxQP, solve_box_qps
 from jaxplan.trajectory.motion import taken
-from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
 _MAX_ROUNDS = 6  # most times that a program is solved, each time with the rows that were missed before
 _WORST_ONLY_ROUNDS = 2  # rounds after which all broken rows are added, not only the worst ones

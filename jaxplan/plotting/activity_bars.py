@@ -23,7 +23,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from scipy.optimize import isotonic_regression
 
-from jaxplan.model.timeline import Activity
+from jaxplan.model.activities import Activity
 from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, SMALL, Entries, Look, device_style, name_lines, plain
 from jaxplan.plotting.target_spans import followings
 from jaxplan.timeline.record import TimelinePlan
