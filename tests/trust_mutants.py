@@ -59,7 +59,7 @@ PARTS = {
             for name in ("certificate_parts", "certificate_limits", "certificate", "moving_certificate")
         ],
     ),
-    "goal": (["goal/derivative.py"], ["goal/test_goal_derivatives.py"]),
+    "goal": (["goal/derivative.py", "goal/active_caps.py"], ["goal/test_goal_derivatives.py"]),
     "refit": (
         ["paper/derivative.py", "trajectory/derivative.py", "trajectory/optimality.py"],
         ["trajectory/test_refit_parts.py", "derivatives/test_sensitivity.py"],
