@@ -54,6 +54,11 @@ _NODE_MARK: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _EDGE_FRACTIONS = np.linspace(0, 1, 33)[:-1, None]  # of an outline's points along an edge of the field
 
 
+def joint_map_size(terminals: int) -> tuple[float, float]:
+    """Return width and height in inches of a figure with the maps of so many terminals."""
+    return _PANEL_SIZE[0], 0.8 + _PANEL_SIZE[1] * terminals
+
+
 def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw the yaw of each terminal against its pitch over the manoeuvre, with its range and its masks.
 
@@ -76,7 +81,7 @@ def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axe
         raise ValueError(
             f"the spacecraft of {plan.scenario.name!r} has no terminals, whose joints would be drawn"
         )
-    found = panels(ax, count, (_PANEL_SIZE[0], 0.8 + _PANEL_SIZE[1] * count), shared=False)
+    found = panels(ax, count, joint_map_size(count), shared=False)
     for number, axes in enumerate(found):
         _draw_map(axes, plan, number)
     if legend:

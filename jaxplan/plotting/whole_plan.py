@@ -18,7 +18,7 @@ from PIL.PngImagePlugin import PngInfo
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels
 from jaxplan.plotting.ground_track import GROUND_SIZE, ground_track, has_tracks
-from jaxplan.plotting.joint_map import joint_map
+from jaxplan.plotting.joint_map import joint_map, joint_map_size
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
 from jaxplan.plotting.mounting import spacecraft
@@ -164,7 +164,11 @@ def drawings(
         "accelerations": (accelerations, size(kinds + 1), moves),
         "torque": (torque, size(loads), moves and loads > 0),
         "margins": (margins, margin_panels.SIZE, moves and bool(plan.scenario.zones)),
-        "joint_map": (joint_map, size(2), moves and any(one.mask for one in craft.terminals)),
+        "joint_map": (
+            joint_map,
+            joint_map_size(len(craft.terminals)),
+            moves and any(one.mask for one in craft.terminals),
+        ),
         "spectrum": (
             partial(spectrum, frequencies=asked),
             size(1 + bool(craft.wheels)),

@@ -5,9 +5,10 @@ follows the gradient, and `trials` does without one. `by_key` tells what each nu
 """
 
 from jaxplan.tuning.by_key import Sensitivities, Sensitivity, sensitivities
-from jaxplan.tuning.descent import Tuning, tune
+from jaxplan.tuning.descent import tune
 from jaxplan.tuning.objectives import OBJECTIVES
 from jaxplan.tuning.trials import SearchTuning, tune_search
+from jaxplan.tuning.tuned import Tuning
 
 __all__ = [
     "OBJECTIVES",

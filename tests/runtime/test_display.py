@@ -43,7 +43,7 @@ from jaxplan.study.run import run_task
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
 from jaxplan.tuning import SearchTuning, Sensitivities, Sensitivity, Tuning
-from jaxplan.tuning.descent import State
+from jaxplan.tuning.tuned import State
 
 LINE, PAGE = 240, 6000
 NAUGHTY = "<script>alert('&')</script> \"\u202e\ud800\x1b[31m\n" + 5000 * "<&"

@@ -58,8 +58,9 @@ const Motion = (() => {
   function direction(path, time) {
     const times = path.times_s;
     if (times.length === 1) return path.samples[0];
-    const k = pieceAt(times, Math.min(Math.max(time, times[0]), times[times.length - 1]));
-    const h = times[k + 1] - times[k], s = (time - times[k]) / h;
+    const known = Math.min(Math.max(time, times[0]), times[times.length - 1]);
+    const k = pieceAt(times, known);
+    const h = times[k + 1] - times[k], s = (known - times[k]) / h;
     const [p, q, m, n] = [path.samples[k], path.samples[k + 1], path.slopes[k], path.slopes[k + 1]];
     const found = p.map((_, c) =>
       (1 + 2 * s) * (1 - s) ** 2 * p[c] + s * (1 - s) ** 2 * h * m[c]
