@@ -37,11 +37,12 @@ from jax.typing import ArrayLike
 from jaxplan.runtime import kernel_files
 from jaxplan.runtime.garbage import uncollected
 from jaxplan.runtime.precompile import still_wanted
+from jaxplan.runtime.progress import COMPILE_ENDS
 
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
     "/jax/core/compile/jaxpr_to_mlir_module_duration",
-    "/jax/core/compile/backend_compile_duration",
+    COMPILE_ENDS,
 )
 
 
@@ -68,7 +69,6 @@ def working_time() -> float:
     return time.monotonic() - _stopped_time.seconds
 
 
-_COMPILED_EVENT = "/jax/core/compile/backend_compile_duration"  # an event for each kernel compiled
 _KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
 _MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
 _MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
@@ -79,7 +79,7 @@ _new_kernels = 0
 def _count_new_kernel(event: str, duration_secs: float, **_: str | int) -> None:
     """Count the kernels compiled since `clear_if_full` last looked."""
     global _new_kernels
-    _new_kernels += event == _COMPILED_EVENT
+    _new_kernels += event == COMPILE_ENDS
 
 
 jax.monitoring.register_event_duration_secs_listener(_count_new_kernel)

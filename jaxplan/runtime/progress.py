@@ -19,7 +19,7 @@ _REFRESH_TIME = 1.0  # s, until a bar is shown, and between its refreshes
 _TIME_BETWEEN_LINES = 30.0  # s, least time between two plain lines
 # JAX reports only ends; the end of lowering is the beginning of compiling.
 _COMPILE_BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
-_COMPILE_ENDS = "/jax/core/compile/backend_compile_duration"
+COMPILE_ENDS = "/jax/core/compile/backend_compile_duration"
 
 _open_bars: set["Bar"] = set()
 _is_listening = False
@@ -192,6 +192,6 @@ def _listen_to_jax() -> None:
 
 def _tell_bars(event: str, duration_secs: float, **_: str | int) -> None:
     """Tell all open bars if an event of JAX is the beginning or end of a compilation."""
-    if event in (_COMPILE_BEGINS, _COMPILE_ENDS):
+    if event in (_COMPILE_BEGINS, COMPILE_ENDS):
         for bar in tuple(_open_bars):
             bar.compiles(event == _COMPILE_BEGINS)
