@@ -293,7 +293,7 @@ def test_what_is_told_of_longer_times_stands_above_the_bars_below_it(highest):
     axes = Figure(layout="constrained").subplots()
     shares = np.concatenate([np.full(20, 44.0), np.full(10, highest)])
     axes.bar(np.arange(30), shares, width=1.0, align="edge")
-    constellation_figure._tell_longer(axes, "2 longer,\nup to 113 s", [shares[:20] / 9, shares])
+    constellation_figure._write_longer_times(axes, "2 longer,\nup to 113 s", [shares[:20] / 9, shares])
     axes.figure.draw_without_rendering()
     (text,) = (one.get_window_extent() for one in axes.texts)
     assert not any(text.overlaps(bar.get_window_extent()) for bar in axes.patches)

@@ -80,8 +80,8 @@ def test_a_track_goes_there_where_nothing_nearer_lasts(scene, monkeypatch):
             asked.append(number)
             yield guesses if number != 1 else []
 
-    guessed = Doing._first_guesses
-    monkeypatch.setattr(Doing, "_first_guesses", nearest_alone)
+    guessed = Doing._guesses
+    monkeypatch.setattr(Doing, "_guesses", nearest_alone)
     watch = jp.Activity(name="watch", track=TARGETS, duration=END, earliest=0.0)
     doing = Doing(
         scene=scene, activity=watch, before=State.still(scene.start.attitude, np.zeros(0)), time=0.0
