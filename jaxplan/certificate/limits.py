@@ -214,7 +214,7 @@ def peaks(limited: Sequence[Limited], minima: Minima) -> dict[str, tuple[float, 
     found, begin = {}, 0
     for quantity in limited:
         own = slice(begin, begin + len(quantity.bound))
-        begin, time = own.stop, minima.time[own][minima.seen[own].argmin()]
+        begin, time = own.stop, minima.time[own][np.argmin(minima.seen[own])]
         found[quantity.name] = 1 - float(minima.bound[own].min()), float(time)
     return found
 

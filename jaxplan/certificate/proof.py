@@ -285,7 +285,7 @@ def carried_excess(craft: Spacecraft) -> Callable[[Intervals, Majorants], np.nda
             if limit.quantity.of_wheels:
                 size = np.linalg.norm(wheels.rows_of(craft), axis=1)
                 bound = bound[size > 0] / size[size > 0]
-            least[power] = min(least[power], float(bound.min()))
+            least[power] = min(least[power], float(np.min(bound)))
     return partial(inertia.excess, craft, (least[1], least[2]))
 
 

@@ -15,6 +15,7 @@ stacking along the last axis turns it back.
 `pointing` and `azimuth_elevation` work on arrays (..., 3).
 """
 
+from collections.abc import Sequence
 from functools import partial, reduce
 from operator import add
 from typing import Any, TypeAlias
@@ -138,6 +139,12 @@ def max_along(values: AnyArray, axis: int) -> AnyArray:
 def min_along(values: AnyArray, axis: int) -> AnyArray:
     """Return the smallest entry along an axis, +inf if there is none; its derivative is as in `max_along`."""
     return -max_along(-values, axis)
+
+
+def min_of_numbers(values: np.ndarray | Sequence[np.ndarray], axis: int | tuple[int, ...] = 0) -> np.ndarray:
+    """Return the smallest entries along axes, NaN left aside, by numpy; NaN where there is no number."""
+    found: np.ndarray = np.fmin.reduce(np.asarray(values), axis=axis)  # type: ignore[call-overload]
+    return found
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(1,))

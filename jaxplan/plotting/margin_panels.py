@@ -20,6 +20,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.ticker import Locator
 
+from jaxplan.geometry.vectors import min_of_numbers
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
 from jaxplan.plotting.limit_lines import barrier
@@ -225,7 +226,7 @@ class _SmallestMargin(NamedTuple):
 def _combine_margins(own: Sequence[Margin]) -> _SmallestMargin:
     """Combine the margins of one device to its smallest margin; NaN where it has none."""
     table = np.rad2deg([margin.values for margin in own])
-    values = np.fmin.reduce(table)
+    values = min_of_numbers(table)
     binding = np.argmin(np.where(np.isnan(table), np.inf, table), axis=0)
     known = np.flatnonzero(~np.isnan(values))
     parts = np.split(known, np.flatnonzero((np.diff(known) > 1) | (np.diff(binding[known]) != 0)) + 1)

@@ -151,7 +151,8 @@ def _draw_trajectories(
     for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
         for one, own, look in zip(sampled.values(), values, styles, strict=True):
             curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
-        limited = _draw_limits(axes, bounds[row, column, None], [_GREY_LINE], highest[row, column]) or limited
+        top = float(highest[row, column])
+        limited = _draw_limits(axes, bounds[row, column, None], [_GREY_LINE], top) or limited
     for quantity, axes in zip(SPIN, every[::across], strict=True):
         axes.set_ylabel(labelled(quantity.word, quantity), fontsize=TEXT)
     _add_titles_and_time_axis(every, titles, sampled)

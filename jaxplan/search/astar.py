@@ -330,7 +330,7 @@ class Search:
             arrived |= made.onward >= 0
         arrived &= valid
         if arrived.any():
-            best = int(np.where(arrived, children.costs + ahead, np.inf).argmin())
+            best = int(np.argmin(np.where(arrived, children.costs + ahead, np.inf)))
             self._update_arrival(children.make(best))
         keys = children.costs + self.settings.heuristic_weight * heuristics
         block = Block(children, np.where(valid, keys, np.inf).reshape(len(self.queues), -1))

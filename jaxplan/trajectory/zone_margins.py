@@ -13,6 +13,7 @@ from itertools import chain
 
 import numpy as np
 
+from jaxplan.geometry.vectors import min_of_numbers
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.scenario import Scenario
@@ -115,5 +116,5 @@ class ZoneMargins:
         found = np.empty((len(times), len(self.pairs)))
         for place, pair in enumerate(self.pairs):
             own = table[:, list(pair.rows)][:, :, self._sight_devices == pair.device]
-            found[:, place] = np.fmin.reduce(own, axis=(1, 2))
+            found[:, place] = min_of_numbers(own, axis=(1, 2))
         return found

@@ -14,7 +14,7 @@ import numpy as np
 from jaxplan.exporting.flight import Flight, Segment
 from jaxplan.exporting.pieces import described
 from jaxplan.exporting.sampled import field_in_own_axes, instrument_frames
-from jaxplan.geometry.vectors import pointing
+from jaxplan.geometry.vectors import min_of_numbers, pointing
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
@@ -247,7 +247,7 @@ def _margin_chart(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
         return None
     names = scene.sight_names
     lines = [
-        _chart_curve(names[device], COLOURS[device % len(COLOURS)], np.rad2deg(np.fmin.reduce(own)), "deg", 2)
+        _chart_curve(names[device], COLOURS[device % len(COLOURS)], np.rad2deg(min_of_numbers(own)), "deg", 2)
         for device, own in sorted(of_devices.items())
     ]
     return {"title": "smallest margin to zones, deg", "floor": 0.0, "limit": 0.0, "lines": lines}
