@@ -7,19 +7,13 @@ curve of a direction over time, a *wish* a direction that a device prefers, a *d
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
-from jaxplan import so3
-from jaxplan.model.directions import as_path
-from jaxplan.model.goals import GivenState
-from jaxplan.model.path import Path
-from jaxplan.model.scenario import Scenario
-from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan
 from jaxplan.plotting.frames import INERTIAL, Inertial, Orbital, frame_of
@@ -45,6 +39,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.plotting.tracks import END_MARK, START_MARK, boresight_tracks, end_marks
 from jaxplan.plotting.tube import draw_tubes
 from jaxplan.plotting.zones import (
     NOTHING,
@@ -64,23 +59,6 @@ from jaxplan.timeline.record import TimelinePlan
 
 SPHERE_SIZE, DISCS_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 3.5), (WIDTH, 6.0)  # inches
 _LEGEND_ROWS = 24  # most entries in a column of the legend, which is then not higher than the map
-# The square is open, and the star fits into it, so that both show where a device does not move.
-_START_MARK: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
-_END_MARK: Look = {
-    "marker": "s",
-    "markersize": 12,
-    "linestyle": "none",
-    "fillstyle": "none",
-    "markeredgewidth": 1.8,
-}
-_TARGET_MARK: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
-_WISH_MARK: Look = {
-    "marker": "D",
-    "markersize": 7,
-    "linestyle": "none",
-    "fillstyle": "none",
-    "markeredgewidth": 1.1,
-}
 _NOW_MARK: Look = {"marker": "o", "markersize": 7, "linestyle": "none", "markeredgewidth": 0.8}
 _NODE_MARK: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _LAST_EDGE_LINE: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of a moving zone at its last place
@@ -391,9 +369,9 @@ def draw_ends(
     marks = end_marks(plan, frame)
     tracks = boresight_tracks(plan, frame)
     for look, _, devices, directions in marks:
-        star = look is _START_MARK  # drawn in front of the others
+        star = look is START_MARK  # drawn in front of the others
         for device, point in zip(devices, directions, strict=True):
-            if isinstance(projection, FlatMap) and (star or look is _END_MARK) and tracks is not None:
+            if isinstance(projection, FlatMap) and (star or look is END_MARK) and tracks is not None:
                 point = _move_off_pole(point, tracks[:: 1 if star else -1, device])
             colour = device_style(device)["color"]
             edge = "white" if star else colour
@@ -416,64 +394,3 @@ def _move_off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
         return point
     across = track[off[0], :2] / np.linalg.norm(track[off[0], :2])
     return np.array([*(np.sin(_POLE_DISTANCE) * across), np.copysign(np.cos(_POLE_DISTANCE), point[2])])
-
-
-def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | None:
-    """Return boresights (k, D, 3) in a frame along the trajectory, else the path; None without both."""
-    if plan.trajectory is not None:
-        moves = motion(plan)
-        return frame.seen(moves.boresights, moves.times)
-    return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)
-
-
-def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
-    """Return inertial boresights (k, D, 3) along a path, with `points_an_edge` points for each edge."""
-    attitudes, joints, edges = path.attitudes, path.joints, path.edges
-    if edges:
-        places = np.linspace(0, edges, points_an_edge * edges + 1)
-        edge = np.minimum(places.astype(int), edges - 1)
-        part = places - edge
-        attitudes = so3.geodesic(attitudes[edge], attitudes[edge + 1], part)
-        joints = joints[edge] + part[:, None] * (joints[edge + 1] - joints[edge])
-    return np.asarray(craft.boresights(attitudes, joints))
-
-
-class Marks(NamedTuple):
-    """Marks of one kind: directions (k, 3) of k devices with one look and one name in the legend."""
-
-    look: Look
-    name: str
-    devices: Sequence[int]
-    directions: np.ndarray
-
-
-def end_marks(plan: Plan, frame: Inertial = INERTIAL) -> list[Marks]:
-    """Return the marks of boresights at start and goal, of targets and of wishes that a plan has.
-
-    Targets are marked if no goal was found, or if they name their devices, since then not every device has
-    one. They and wishes are drawn where they are at the time of the goal.
-    """
-    scenario, goal = plan.scenario, plan.scenario.goal
-    craft = scenario.spacecraft
-    every = range(len(craft.device_names))
-    then = frame.end(plan)
-    marks = [Marks(_START_MARK, "start", every, frame.seen(_given_boresights(scenario, scenario.start), 0.0))]
-    if plan.goal is not None:
-        points = np.asarray(craft.boresights(plan.goal.attitude, plan.goal.joints))
-        word = "end" if isinstance(plan, DayPlan) else "goal"
-        marks.append(Marks(_END_MARK, word, every, frame.seen(points, then)))
-    elif isinstance(goal, GivenState) and not isinstance(plan, DayPlan):
-        marks.append(Marks(_END_MARK, "goal", every, frame.seen(_given_boresights(scenario, goal), then)))
-    if not isinstance(goal, GivenState):
-        if plan.goal is None or goal.devices:
-            targets = np.array([path.at(then) for path in goal.paths]).reshape(-1, 3)
-            marks.append(Marks(_TARGET_MARK, "target", goal.numbers(craft), frame.seen(targets, then)))
-        wishing = [craft.device_names.index(wish.device) for wish in goal.prefer]
-        wishes = np.array([as_path(wish.direction).at(then) for wish in goal.prefer]).reshape(-1, 3)
-        marks.append(Marks(_WISH_MARK, "wish", wishing, frame.seen(wishes, then)))
-    return [mark for mark in marks if len(mark.directions)]
-
-
-def _given_boresights(scenario: Scenario, state: GivenState) -> np.ndarray:
-    """Return the inertial boresights (D, 3) of all devices in a state."""
-    return np.asarray(scenario.spacecraft.boresights(state.attitude, state.joints))

@@ -25,7 +25,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
-from jaxplan.plotting import margin_panels, projections, sky, style, write_png, zones
+from jaxplan.plotting import margin_panels, projections, sky, style, tracks, write_png, zones
 from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.projections import FlatMap
 from jaxplan.trajectory.zone_margins import ZoneMargins
@@ -329,7 +329,7 @@ def test_the_smallest_margin_is_that_of_the_scene() -> None:
 def test_the_path_is_drawn_along_geodesics_and_lines() -> None:
     plan = make_plan(3, 1)
     craft, path = plan.scenario.spacecraft, plan.path
-    ways = sky.path_boresights(plan.path, plan.scenario.spacecraft, points_an_edge=4)
+    ways = tracks.path_boresights(plan.path, plan.scenario.spacecraft, points_an_edge=4)
     turns = Rotation.from_matrix(np.swapaxes(path.attitudes[:-1], 1, 2) @ path.attitudes[1:]).as_rotvec()
     along = jax.vmap(lambda *edge: motions.motion(*edge, np.arange(5) / 4))
     attitudes, joints = along(path.attitudes[:-1], path.joints[:-1], turns, np.diff(path.joints, axis=0))
