@@ -302,7 +302,10 @@ class Mountings:
 
 
 def _axes_and_tilt(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the axes (3, 3) of a device as in `Mountings.axes`, and the tilt of its boresight, rad.
+    """Return the axes of a device as in `Mountings.axes`, and the tilt of its boresight.
+
+    The rows (3, 3) are the boresight's part across the axis, the axis times it, and the axis. The tilt, rad,
+    is the angle of the boresight from the plane across the axis, positive towards the axis.
 
     Args:
         axis: (3,) body axes, about which the device turns.

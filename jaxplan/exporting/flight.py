@@ -165,7 +165,7 @@ def proof_of(subject: Plan | Day) -> Proof:
 
 
 def scene_of(subject: Plan | Day) -> Scenario:
-    """Return the scenario of a plan or day, which has its name and epoch."""
+    """Return the scenario from which an export takes name and epoch: that of a plan, or of a whole day."""
     return subject.scenario if isinstance(subject, Plan) else subject.scene
 
 

@@ -203,11 +203,14 @@ class Star:
         return space.reach_call(first, second, from_start, from_goal)
 
     def _add_node(self, node: _NewNode, fractions: np.ndarray) -> None:
-        """Add a node under its best parent, make it that of neighbours that gain, and update the best path.
+        """Connect a new node to its cheapest parent, rewire neighbours, and update the best path.
+
+        A neighbour to which a way by the new node is cheaper than its own gets it as its parent.
 
         Args:
-            node: the new one.
-            fractions: (k + 1,) of its motions that are clear, that to the goal last.
+            node: the new node, with its k neighbours.
+            fractions: (k + 1,) how much of each motion between it and a neighbour is clear, then of that to
+                the goal; 1 where all of it is.
         """
         tree, near, length = self.tree, node.near, node.length
         clear, costs = fractions == 1, tree.costs[near]

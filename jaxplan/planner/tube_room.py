@@ -40,7 +40,10 @@ def with_advice(plan: Plan) -> Plan:
 
 
 def _goal_advice(plan: Plan, robust: Robust) -> str:
-    """Return text on the largest errors with which there is a goal; empty if there is none without errors."""
+    """Return text for a message: the largest errors of `robust` with which the plan has a goal.
+
+    It is empty where there is no goal without errors either.
+    """
     scenario = plan.scenario
     if contradictions(scenario):
         return ""

@@ -32,7 +32,10 @@ ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
 
 
 def _from_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
-    """Return a function that applies `make` to a number with the range and unit of a `Key`."""
+    """Return a function that makes a kind of values from the description of a field in files, a `Key`.
+
+    It hands `make` the kind of a single number that has the key's range and unit.
+    """
     return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
 
 

@@ -144,9 +144,16 @@ def lines_of_sight(
 
 
 def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) -> LinesOfSight:
-    """Return lines of sight, with one option, along straight motions between states (a, 4 + 2n).
+    """Return lines of sight along ``a`` straight motions, each cut into equal intervals.
 
-    There are ``a`` motions. `intervals` is the number of intervals of each, static.
+    The platform turns along the shortest rotation, joints change linearly. The axis of options, motions of
+    which one must be clear, has length one here.
+
+    Args:
+        scene: with the zones.
+        first: (a, 4 + 2n) states at the starts: unit quaternions, scalar first, and joints, rad.
+        second: (a, 4 + 2n) states at the ends.
+        intervals: how many for each motion, static.
     """
     turns = turns_between(first, second)
     joints, change = first[:, None, 4:], (second - first)[:, None, 4:]

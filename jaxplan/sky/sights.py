@@ -114,7 +114,9 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
 
 
 def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
-    """Return the rotation from inertial axes (GCRS) to the local orbital frame, see the module.
+    """Return the rotation from inertial axes (GCRS) to the local orbital frame.
+
+    Its axis z points to nadir, y against the orbit's normal, and x = y x z, about along the velocity.
 
     Args:
         observer: a satellite.
@@ -125,7 +127,8 @@ def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.n
         (..., 3, 3) whose rows are the frame's axes x, y and z, GCRS.
 
     Raises:
-        ValueError: as for `directions`, and if the observer's motion is not known or straight up.
+        ValueError: as for `directions`, and if the orbit has no normal: the
+            observer's velocity is not known, or vertical.
     """
     down = _local_direction("nadir", observer, epoch, times)
     across = -_local_direction("orbit_normal", observer, epoch, times)

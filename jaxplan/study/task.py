@@ -60,7 +60,7 @@ class Task:
 
     @property
     def examples(self) -> int:
-        """Number of scenes on which settings are checked: 1 of random scenes, all given scenarios."""
+        """Number of scenes on which settings are checked beforehand: one if they are drawn, else all."""
         return len(self.scenes) if self.kind is None else 1
 
     def scenario(self, place: int) -> Scenario:

@@ -334,11 +334,11 @@ class LeastMotion:
 
     @staticmethod
     def _direction_in_body(nodes: Nodes, path: DirectionPath) -> np.ndarray:
-        """A direction at the nodes, (K + 1, 3) unit vectors in body axes."""
+        """Return an inertial direction, which may move, at the K + 1 nodes, as (K + 1, 3) in body axes."""
         return (np.asarray(as_path(path).at(nodes.times))[:, None] @ nodes.attitudes)[:, 0]
 
     def _beams_in_body(self, joints: np.ndarray, device: int) -> np.ndarray:
-        """Boresights of a device at joints (K + 1, J), (K + 1, 3) unit vectors in body axes."""
+        """Return boresights (K + 1, 3) of a device at joints (K + 1, J), as unit vectors in body axes."""
         gimbals = self.pursuit.craft.gimbals
         if device >= gimbals.count:
             fixed = self.pursuit.craft.fixed_boresights[device - gimbals.count]

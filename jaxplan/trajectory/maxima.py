@@ -63,7 +63,10 @@ def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _largest_of_group(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Do the same as `largest` for curves with the same G and Q whose values are all finite, or none are."""
+    """Do the work of `largest` for one group of curves, which share G and Q.
+
+    Either every value of the group is finite, or every curve has one that is not: then the results are NaN.
+    """
     if not np.isfinite(values[0]).all():
         return [np.full(own.shape[2], np.nan) for own in values]
     to_series, to_fine = chebyshev(values[0].shape[1])
