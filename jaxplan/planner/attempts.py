@@ -374,7 +374,7 @@ class Attempts:
             self.need = wanted_fit(self.scenario, path, ladder.goal)
 
     def _sync_with_meeting(self, meeting: Meeting) -> None:
-        """Set `need` to that of a `Meeting`, in which fit and goal settle in turn; at its end take its fit."""
+        """Set `need` to that of a `Meeting`, in which fit and goal settle in turn; then take its fit."""
         self.need = meeting.need
         if meeting.need is None:
             self._meeting, ladder = None, self._current_ladder
