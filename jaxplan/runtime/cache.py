@@ -174,10 +174,10 @@ def _users_folder() -> Path:
     """Return the subfolder of the user's cache folder for this version of jaxplan and kind of processor."""
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".cache"  # as its specification asks
-    return root / "jaxplan" / f"compiled-{__version__}-{_processor_hash()}"
+    return root / "jaxplan" / f"compiled-{__version__}-{processor_hash()}"
 
 
-def _processor_hash() -> str:
+def processor_hash() -> str:
     """Return a short hash of this processor's instruction sets; that of "" where they cannot be read."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as lines:

@@ -30,14 +30,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxplan.runtime.cache import trusted_folder, written_once
+from jaxplan.runtime.cache import processor_hash, trusted_folder, written_once
 
 _PACKAGE_FOLDER = Path(__file__).resolve().parent.parent
 _LOCK_TIMEOUT = 30.0  # s, to wait for another process that compiles the same kernel but may have stopped
 _LOCK_POLL_TIME = 0.02  # s, between two looks whether that process is done
 _KEPT_FOLDERS = 3  # number of the newest folders of other sources or versions that are not deleted
 
-_FORMAT_VERSION = 2  # version of the files' content, so that none of another version is read
+_FORMAT_VERSION = 3  # version of the files' content, so that none of another version is read
 _LIBRARY_CALL = "custom_call"  # occurs in the text of programs that call functions of a library
 _PROGRAMS_FOLDER = "programs"  # folder of further names of executables, by what JAX has lowered
 
@@ -71,14 +71,23 @@ def _read_executable(place: Path) -> Callable[..., Any] | None:
     from jax.experimental.serialize_executable import deserialize_and_load
 
     try:
-        content, calls_library = pickle.loads(place.read_bytes())
+        digest, content = _split_digest(place.read_bytes())
+        if hashlib.sha256(content).digest() != digest:  # XLA would run what is damaged
+            raise ValueError("damaged")
+        executable, calls_library = pickle.loads(content)
         if calls_library:
             _prepare_lapack()
-        found: Callable[..., Any] = deserialize_and_load(*content)
+        found: Callable[..., Any] = deserialize_and_load(*executable)
     except Exception:
         _delete_file(place)
         return None
     return found
+
+
+def _split_digest(file: bytes) -> tuple[bytes, bytes]:
+    """Split the content of a file into the digest that stands first, and what it is the digest of."""
+    size = hashlib.sha256().digest_size
+    return file[:size], file[size:]
 
 
 @cache
@@ -193,8 +202,13 @@ def _save_executable(place: Path, compiled: Any, *, calls_library: bool) -> None
         content = pickle.dumps((serialize(compiled), calls_library))
         _prepare_folder(place.parent)
         with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as new:  # for this user alone
-            new.write(content)
-        os.replace(new.name, place)
+            try:
+                new.write(hashlib.sha256(content).digest() + content)
+                new.flush()
+                os.replace(new.name, place)
+            except OSError:  # as on a full disk
+                _delete_file(new.name)
+                raise
 
 
 def name_of(function: Any) -> str | None:
@@ -244,11 +258,11 @@ def _hash_name(text: str) -> str:
 
 @cache
 def _versions() -> str:
-    """Return a text of the versions and flags that compiled code depends on, besides the program."""
+    """Return a text of versions, flags and processor, on which compiled code depends besides the program."""
     from jaxlib.version import __version__ as jaxlib_version
 
     versions = sys.version, np.__version__, jax.__version__, jaxlib_version
-    return repr((versions, os.environ.get("XLA_FLAGS")))
+    return repr((versions, os.environ.get("XLA_FLAGS"), processor_hash()))
 
 
 @cache

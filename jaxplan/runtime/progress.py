@@ -64,6 +64,7 @@ class Bar:
         self._what, self._step, self._tqdm = what, "", tqdm
         self._unit, self._total, self._count, self._note = unit, total, initial, ""
         self._compiling = self._has_compiled = False
+        self._size = ""
         self._closed = threading.Event()
 
     @property
@@ -89,6 +90,10 @@ class Bar:
     def say(self, text: str) -> None:
         """Print a line to stderr, above the bar where that is shown."""
         self._tqdm.write(text, file=sys.stderr)
+
+    def compiles_for(self, size: str) -> None:
+        """Say for which size class kernels are compiled, such as "8 zones"; "" for none."""
+        self._size = size
 
     def compiles(self, begins: bool) -> None:
         """Note that JAX begins to compile (True), or has ended (False)."""
@@ -121,7 +126,8 @@ class Bar:
 
     def _description(self) -> str:
         """Return the words before the bar: what is done, the step, and whether something compiles."""
-        parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._has_compiled)
+        compiling = f"compiling for {self._size}" if self._size else "compiling"
+        parts = [self._step] * bool(self._step) + [compiling] * (self._compiling or self._has_compiled)
         return ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
 
 

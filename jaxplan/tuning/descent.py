@@ -9,9 +9,9 @@ the best numbers whose plans are all certified; those to begin with are among th
 A descent works on *free* parameters, one for each number, which may take any value (`parameters`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -115,7 +115,10 @@ def tune(
     for scenario in given[1:]:
         for one in tuned:  # all begin with the first one's numbers, so only that they exist matters
             number_of(scenario, one.place.name)
-    optimizer = optax.with_extra_args_support(optax.adam(0.1) if optimizer is None else optimizer)
+    usual = optimizer is None
+    optimizer = _usual_optimizer() if usual else optax.with_extra_args_support(optimizer)
+    # A user's own may look at values, or count its calls, so it is not compiled.
+    update = _usual_update() if usual else optimizer.update
     with jax.enable_x64(True), seldom_collected():
         free = jnp.array([one.free() for one in tuned])
         memory = optimizer.init(free)
@@ -128,10 +131,25 @@ def tune(
         if resume is not None:
             resume.state.expect(asked)
         state = State(asked=asked, free=free, memory=memory) if resume is None else resume.state
-        descent = _Descent(given, aim, tuned, optimizer, progress, state, steps)
+        descent = _Descent(given, aim, tuned, update, progress, state, steps)
         descent.go(steps)
         found = descent.result()
     return replace(found, label=objective_label(objective))
+
+
+@cache
+def _usual_optimizer() -> Any:
+    """Return the optimizer of `tune` where none is given: Adam with a rate of 0.1."""
+    import optax
+
+    return optax.with_extra_args_support(optax.adam(0.1))
+
+
+@cache
+def _usual_update() -> Callable[..., Any]:
+    """Return the update of `_usual_optimizer`, compiled once in a process."""
+    update: Callable[..., Any] = jax.jit(_usual_optimizer().update)
+    return update
 
 
 class _Planned(NamedTuple):
@@ -154,13 +172,13 @@ class _Descent:
         given: tuple[Scenario, ...],
         aim: Objective,
         tuned: tuple[Parameter, ...],
-        optimizer: Any,
+        update: Callable[..., Any],
         progress: bool,
         state: State,
         steps: int,
     ) -> None:
         self._given, self._aim, self._tuned = given, aim, tuned
-        self._update, self._progress = jax.jit(optimizer.update), progress
+        self._update, self._progress = update, progress
         self._messages: list[str] = []
         self._moved = np.zeros(len(tuned), dtype=bool)
         first, self._fits = state.first, list[Fit | None]()
@@ -275,6 +293,8 @@ class _Descent:
             gradient = jnp.asarray(self._gradient)
             change, memory = self._update(gradient, state.memory, state.free, value=value)
         except TypeError as error:
+            if "missing" not in str(error):  # it is a fault of the optimizer itself
+                raise
             raise ValueError(f"the optimizer asks for more than values and gradients: {error}") from error
         after = replace(
             state,

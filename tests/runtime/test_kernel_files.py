@@ -123,6 +123,32 @@ def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
     assert left == [f"kernels-source-{number}" for number in range(5 - kernel_files._KEPT_FOLDERS, 6)]
 
 
+def test_an_executable_with_one_wrong_bit_is_not_run_but_deleted(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_files, "trusted_folder", lambda: tmp_path)
+    place = kernel_files._executable_path("jaxplan.sine", "float")
+    kernel_files._save_executable(place, jax.jit(jnp.sin).lower(1.0).compile(), calls_library=False)
+    whole = place.read_bytes()
+    assert kernel_files._read_executable(place) is not None
+    for bit in np.random.default_rng(0).integers(8 * len(whole), size=20):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        place.write_bytes(damaged)
+        assert kernel_files._read_executable(place) is None
+        assert not place.exists()
+
+
+def test_what_cannot_be_written_whole_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_files, "trusted_folder", lambda: tmp_path)
+    place = kernel_files._executable_path("jaxplan.sine", "float")
+
+    def full(*_):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(kernel_files.os, "replace", full)
+    kernel_files._save_executable(place, jax.jit(jnp.sin).lower(1.0).compile(), calls_library=False)
+    assert list(place.parent.iterdir()) == []
+
+
 KEEP = """
 import json
 import jax

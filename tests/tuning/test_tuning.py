@@ -480,3 +480,40 @@ def test_what_a_scenario_tells_by_itself_is_refused_before_it_is_planned(monkeyp
     ):
         with pytest.raises(ValueError, match=words):
             jp.tune(odd, "effort", over=over)
+
+
+def test_an_optimizer_of_ones_own_may_look_at_values_and_count_its_calls():
+    scene, seen = jp.paper_case(2), []
+
+    def update(gradients, state, parameters=None):
+        seen.append(float(gradients[0]))
+        return -0.01 * gradients, state
+
+    own = optax.GradientTransformation(lambda parameters: optax.EmptyState(), update)
+    for optimizer in (own, optax.adam(lambda count: 0.1 if count < 2 else 0.01)):
+        found = jp.tune(
+            scene,
+            "effort",
+            over=["trajectory.duration_s"],
+            optimizer=optimizer,
+            steps=3,
+            progress=False,
+        )
+        assert len(found.history) == 4
+    assert len(set(seen)) == 3
+
+
+def test_a_fault_of_an_optimizer_itself_is_raised_as_it_is():
+    def update(gradients, state, parameters=None):
+        raise TypeError("no such thing")
+
+    broken = optax.GradientTransformation(lambda parameters: optax.EmptyState(), update)
+    with pytest.raises(TypeError, match="no such thing"):
+        jp.tune(
+            jp.paper_case(2),
+            "effort",
+            over=["trajectory.duration_s"],
+            optimizer=broken,
+            steps=1,
+            progress=False,
+        )
