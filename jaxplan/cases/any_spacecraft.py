@@ -111,7 +111,7 @@ class Drawn:
         return tuple(names[i] for i in sorted(self.rng.permutation(len(names))[:count].tolist()))
 
     def is_clear(self, *zones: Zone, craft: Spacecraft | None = None) -> bool:
-        """Whether start and end keep `CLEARANCE` from zones, and from the masks of `craft`.
+        """Tell whether start and end keep `CLEARANCE` from zones, and from the masks of `craft`.
 
         None stands for the scene's own spacecraft.
         """

@@ -175,7 +175,7 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
 
 
 def _is_seed(value: object) -> bool:
-    """Whether a value is an integer of at least 0."""
+    """Tell whether a value is an integer of at least 0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
 
 
@@ -234,7 +234,7 @@ def _draw_keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> t
 
 
 def _breaks_zone(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
-    """Whether a motion goes deeper than `BROKEN` into a keep-out zone, or as far out of a keep-in zone.
+    """Tell whether a motion goes deeper than `BROKEN` into a keep-out zone, or as far out of a keep-in zone.
 
     Args:
         straight: (k, 3, 3) inertial boresights of the three terminals at k samples.

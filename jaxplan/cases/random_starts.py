@@ -48,7 +48,7 @@ PATIENCE = 50
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:
-    """Whether a slack (a difference of cosines, or of angles in rad) is at least `HAIR`.
+    """Tell whether a slack (a difference of cosines, or of angles in rad) is at least `HAIR`.
 
     Every decision about a draw is made by this function, so that rounding does not change scenes.
     """

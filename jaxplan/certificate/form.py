@@ -42,7 +42,7 @@ def plain(data: Data) -> Data:
 
 
 def is_static(trajectory: Trajectory) -> bool:
-    """Whether the trajectory is a state without duration: breaks and joint breaks are both [0, 0]."""
+    """Tell whether the trajectory is a state without duration: breaks and joint breaks are both [0, 0]."""
     return all(np.array_equal(breaks, [0, 0]) for breaks in (trajectory.breaks, trajectory.joint_breaks))
 
 
@@ -158,12 +158,12 @@ def _are_rotations(matrices: np.ndarray) -> bool:
 
 
 def _are_unit_vectors(vectors: np.ndarray) -> bool:
-    """Whether the lengths of all vectors (..., 3) differ from one by at most `_UNIT_TOLERANCE`."""
+    """Tell whether the lengths of all vectors (..., 3) differ from one by at most `_UNIT_TOLERANCE`."""
     return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT_TOLERANCE).all())
 
 
 def _are_orthonormal(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two vectors (3,) are unit vectors at right angles, both to within `_UNIT_TOLERANCE`."""
+    """Tell whether two vectors (3,) are unit vectors at right angles, both to within `_UNIT_TOLERANCE`."""
     return (
         _are_unit_vectors(first)
         and _are_unit_vectors(second)
@@ -232,7 +232,7 @@ def _cone_faults(cones: Constraints, still: np.ndarray, zones: int, craft: Space
 
 
 def _are_indices(numbers: np.ndarray, count: int) -> bool:
-    """Whether all numbers are integers from 0 to `count` - 1."""
+    """Tell whether all numbers are integers from 0 to `count` - 1."""
     return bool(((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)).all())
 
 
@@ -319,7 +319,7 @@ def _stage_faults(spacecraft: Spacecraft) -> Iterator[str]:
 
 
 def _is_inertia(given: np.ndarray) -> bool:
-    """Whether an array is an inertia: a positive definite symmetric (3, 3), or positive moments (3,)."""
+    """Tell whether an array is an inertia: a positive definite symmetric (3, 3), or positive moments (3,)."""
     if given.shape not in ((3,), (3, 3)) or not np.isfinite(given).all():
         return False
     own = inertia.matrix(given)

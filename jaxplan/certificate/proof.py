@@ -152,7 +152,7 @@ def _gather_evidence(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]
 
 
 def _is_finite(evidence: Evidence) -> bool:
-    """Whether all samples of the trajectories are finite."""
+    """Tell whether all samples of the trajectories are finite."""
     samples = evidence.samples
     return all(np.isfinite(part).all() for part in (samples.boresights, samples.spin, samples.joints))
 

@@ -145,12 +145,12 @@ def set_up_jax() -> None:
 
 
 def report_refused_kernels() -> None:
-    """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
+    """Say on stderr how many kernels that earlier processes compiled could not be used, if any."""
     executables = sys.modules.get("jaxplan.runtime.kernel_files")  # imported only if anything was computed
     refused = executables.refused() if executables is not None else 0
     if refused:
         print(
-            f"jaxplan: XLA refused {refused} of the kernels that earlier runs had kept, as it does on some "
-            "processors, and compiled them again; jp.compilation_cache chooses another folder for them",
+            f"jaxplan: {refused} of the kernels that earlier runs had kept were damaged, or refused by XLA "
+            "as on some processors, and compiled again; jp.compilation_cache chooses another folder for them",
             file=sys.stderr,
         )

@@ -219,7 +219,7 @@ def load_scene(name: str) -> Scenario:
 
 
 def is_scenario(name: str) -> bool:
-    """Whether a name is that of a case of the paper, or of an existing file whose name ends in .toml."""
+    """Tell whether a name is that of a case of the paper, or of an existing file whose name ends in .toml."""
     return name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file())
 
 

@@ -151,7 +151,7 @@ def load_timeline_file(name: str) -> Timeline:
 
 
 def is_timeline(name: str) -> bool:
-    """Whether a name is that of an example of a timeline, or of a TOML file with a timeline."""
+    """Tell whether a name is that of an example of a timeline, or of a TOML file with a timeline."""
     if name in TIMELINE_NAMES:
         return True
     if not name.endswith(".toml") or not Path(name).is_file():
@@ -165,7 +165,7 @@ def is_timeline(name: str) -> bool:
 
 
 def is_timeline_plan(name: str) -> bool:
-    """Whether a file holds a plan that `TimelinePlan.save` wrote."""
+    """Tell whether a file holds a plan that `TimelinePlan.save` wrote."""
     return Path(name).is_file() and is_plan(name)
 
 

@@ -127,7 +127,8 @@ def max_along(values: AnyArray, axis: int) -> AnyArray:
     """Return the largest entry along an axis, -inf if there is none; its derivative is that of this entry.
 
     `jnp.max` finds its derivative by comparing entries with the result. Where a compiler computes an entry
-    anew and rounds it otherwise no entry equals the result, and the derivative is not a number.
+    anew and rounds it otherwise no entry equals the result, and the derivative is not a number. Like that one
+    it may lose a NaN on the CPU, so it decides nothing about safety.
     """
     if array_module(values) is np:
         return np.max(values, axis=axis, initial=-np.inf)

@@ -178,7 +178,7 @@ class DirectionPath:
         return float(min(np.max(apart) + between, np.pi))
 
     def covers(self, last: float) -> bool:
-        """Whether the direction is known from the start of the manoeuvre to the time `last`, s."""
+        """Tell whether the direction is known from the start of the manoeuvre to the time `last`, s."""
         return not self.moves or bool(self.times[0] <= 0 and last <= self.times[-1])
 
     @staticmethod

@@ -84,12 +84,12 @@ def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.nda
 
 
 def is_full(intervals: int, segments: int, order: int) -> bool:
-    """Whether a closing segment has at most one coefficient left to minimise its objective with."""
+    """Tell whether a closing segment has at most one coefficient left to minimise its objective with."""
     return segments < intervals and intervals // segments >= order - 5
 
 
 def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
-    """Whether every segment of more than one interval can work in one chart.
+    """Tell whether every segment of more than one interval can work in one chart.
 
     A segment whose edges turn by ``L`` in all has ``|eta| <= L`` along them, since ``eta`` is the rotation
     between two motions that start together and end together; below half a turn its logarithm does not jump. A

@@ -163,7 +163,7 @@ class PaperProblem:
         yield intervals
 
     def is_full(self, segments: int) -> bool:
-        """Whether this many segments leave next to no freedom, and their number was not asked for."""
+        """Tell whether this many segments leave next to no freedom, and their number was not asked for."""
         own = self.settings
         return own.segments is None and is_full(len(self.nodes.turns), segments, own.order)
 

@@ -122,7 +122,7 @@ class InTime:
         return True
 
     def _may_be_too_short(self) -> bool:
-        """Whether the first attempts failed in a way in which the shortest manoeuvre may help."""
+        """Tell whether the first attempts failed in a way in which the shortest manoeuvre may help."""
         plan = self._first_attempts.plan
         if plan is None or self.scenario.trajectory.method != "global":
             return False

@@ -13,7 +13,6 @@ from jaxplan.planner.clock import Clock, expect_shortest
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, number, several
-from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, one_thread, who_works
 from jaxplan.schema import ScenarioError
@@ -64,7 +63,7 @@ def plan(
     expect_shortest(f"improve_for_s = {improve_for:g}", improve_for, scenario, scenario.name)
     with one_thread(), progress_bar("planning", shown=progress) as bar:
         if scenario.zones:
-            bar.compiles_for(f"{padded_count(len(scenario.constraints.zone))} zones")
+            bar.compiles_for(f"{len(scenario.constraints.zone)} zones")
         clock = Clock(scenario.search.time_limit, bar.step, improve_for=improve_for)
         (result,) = plan_in_rounds([scenario], [clock])
     if throw and not result.ok:

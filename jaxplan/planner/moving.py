@@ -250,7 +250,7 @@ class Meeting:
             self._bracket_low = expected
 
     def _is_bracket_narrow(self, late: float) -> bool:
-        """Whether the bracket of end times, up to `late` s, is narrow enough to stop."""
+        """Tell whether the bracket of end times, up to `late` s, is narrow enough to stop."""
         return late - self._bracket_low <= _TIME_TOLERANCE * late
 
     def _next_time(self, duration: float) -> float:

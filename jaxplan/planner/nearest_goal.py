@@ -61,7 +61,7 @@ def shorter_of(plan: Plan, other: Plan | None) -> Plan:
 
 
 def _nearest_may_help(plan: Plan, enough: float) -> bool:
-    """Whether a plan is certified, of least time, longer than `enough` s, and leads round zones."""
+    """Tell whether a plan is certified, of least time, longer than `enough` s, and leads round zones."""
     scenario, settings = plan.scenario, plan.scenario.trajectory
     asked = scenario.asked
     if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME or asked.prefer or moves(scenario):

@@ -120,12 +120,8 @@ def _find_in_threads(
     """Find the goals of many queries in two threads, those of a single one in this thread."""
     if len(queries) < _THREADS:
         return [find(query) for query in queries]
-    with ThreadPoolExecutor(_THREADS) as pool:
-        try:
-            return list(pool.map(find, queries))
-        except BaseException:  # Ctrl-C among others: goals that were not begun are not waited for
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with ThreadPoolExecutor(_THREADS) as pool:  # on Ctrl-C `map` cancels those that were not begun
+        return list(pool.map(find, queries))
 
 
 def _search_paths(open_: Sequence[Attempts]) -> None:

@@ -52,7 +52,7 @@ _MAX_TIME_RATIO = 1.25  # times the estimated time along the plan's own path; sl
 
 
 def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), enough: float = 0.0) -> bool:
-    """Whether to look for a shorter plan than the one that was found.
+    """Tell whether to look for a shorter plan than the one that was found.
 
     Args:
         plan: the one that was found; the result is False if it is not certified.
@@ -82,7 +82,7 @@ def is_far(plan: Plan, enough: float) -> bool:
 
 
 def may_be_sooner(plan: Plan, goal: Goal) -> bool:
-    """Whether the lower bound of the time to `goal` is less than `SHORTER` times the plan's duration."""
+    """Tell whether the lower bound of the time to `goal` is less than `SHORTER` times the plan's duration."""
     scenario, trajectory = plan.scenario, plan.trajectory
     start, end = scenario.start, end_rates(scenario, goal)
     bound = duration_bound(
@@ -96,7 +96,7 @@ def may_be_sooner(plan: Plan, goal: Goal) -> bool:
 
 
 def _is_near(path: Path, other: Path) -> bool:
-    """Whether every node of a path is within `_SAME_WAY_ANGLE` of some node of the other one."""
+    """Tell whether every node of a path is within `_SAME_WAY_ANGLE` of some node of the other one."""
     cosine = (np.einsum("aij,bij->ab", path.attitudes, other.attitudes) - 1) / 2
     joints = np.abs(path.joints[:, None] - other.joints)
     apart = np.maximum(np.arccos(np.clip(cosine, -1, 1)), np.max(joints, axis=-1, initial=0))
@@ -109,7 +109,7 @@ def is_bent(plan: Plan) -> bool:
 
 
 def _is_detour(plan: Plan, path: Path) -> bool:
-    """Whether a motion along `path` is estimated to take longer than one straight to the path's end."""
+    """Tell whether a motion along `path` is estimated to take longer than one straight to the path's end."""
     nodes = path.attitudes, path.joints
     ends = path.attitudes[[0, -1]], path.joints[[0, -1]]
     along, straight = times_along(plan.scenario.usable, [nodes, ends]).tolist()

@@ -63,7 +63,7 @@ class Sooner:
 
 
 def may_be_sooner(scenario: Scenario, plan: Plan | None) -> bool:
-    """Whether to look for shorter motions than a plan's, which must be certified and to moving targets.
+    """Tell whether to look for shorter motions than a plan's, which must be certified and to moving targets.
 
     The duration must be "minimum", and `first_guesses` at least 1.
     """

@@ -314,7 +314,7 @@ class Labels:
 
 
 def _boxes_overlap(one: Box, other: Box) -> bool:
-    """Whether two boxes overlap."""
+    """Tell whether two boxes overlap."""
     return bool(np.all(np.abs(one[0] - other[0]) < (one[1] + other[1]) / 2))
 
 

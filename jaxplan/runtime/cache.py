@@ -188,7 +188,7 @@ def processor_hash() -> str:
 
 
 def _others_may_swap(found: os.stat_result) -> bool:
-    """Whether users other than this one and root may rename what is in a folder, or redirect a link.
+    """Tell whether users other than this one and root may rename what is in a folder, or redirect a link.
 
     With the sticky bit, as in /tmp, everybody can rename only their own files. A group with this user alone,
     as some systems create for every user, does not count as others.
@@ -205,7 +205,7 @@ def _others_may_swap(found: os.stat_result) -> bool:
 
 
 def _is_private_group(group: int) -> bool:
-    """Whether a group, by its number, has the user's name and no other members."""
+    """Tell whether a group, by its number, has the user's name and no other members."""
     import grp
     import pwd
 

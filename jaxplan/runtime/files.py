@@ -8,19 +8,21 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
+def replacing_file(target: Path, suffix: str = "", *, private: bool = False) -> Iterator[Path]:
     """Yield the path of a temporary file to write; it replaces the target if the block ends without error.
 
     Args:
         target: path of the file; an existing file stays until then. Its folder is created.
         suffix: ending of the temporary name, for writers that depend on it.
+        private: whether the file is for this user alone, instead of with the rights of the user's files.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=f".part{suffix}")
     os.close(handle)
     try:
         yield Path(name)
-        os.chmod(name, 0o666 & ~_umask())
+        if not private:
+            os.chmod(name, 0o666 & ~_umask())
         os.replace(name, target)
     except BaseException:
         os.unlink(name)

@@ -172,7 +172,7 @@ def quick_jit(
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether JAX is tracing any leaf of a tree."""
+    """Tell whether JAX is tracing any leaf of a tree."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
@@ -205,7 +205,7 @@ def _is_config_unusual() -> bool:
 
 @cache
 def _has_several_devices() -> bool:
-    """Whether there is more than one device."""
+    """Tell whether there is more than one device."""
     return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
 
 
@@ -290,7 +290,7 @@ def known_options(**options: bool | int) -> dict[str, bool | int]:
 
 @cache
 def _is_option_known(name: str, value: bool | int) -> bool:
-    """Whether kernels run on the CPU and XLA knows this option with this value."""
+    """Tell whether kernels run on the CPU and XLA knows this option with this value."""
     if jax.default_backend() != "cpu":
         return False
     try:

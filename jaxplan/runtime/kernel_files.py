@@ -16,7 +16,6 @@ import os
 import pickle
 import shutil
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -31,12 +30,14 @@ import jax
 import numpy as np
 
 from jaxplan.runtime.cache import processor_hash, trusted_folder, written_once
+from jaxplan.runtime.files import replacing_file
 
 _PACKAGE_FOLDER = Path(__file__).resolve().parent.parent
 _LOCK_TIMEOUT = 30.0  # s, to wait for another process that compiles the same kernel but may have stopped
 _LOCK_POLL_TIME = 0.02  # s, between two looks whether that process is done
 _KEPT_FOLDERS = 3  # number of the newest folders of other sources or versions that are not deleted
 
+_DIGEST_SIZE = 32  # bytes
 _FORMAT_VERSION = 3  # version of the files' content, so that none of another version is read
 _LIBRARY_CALL = "custom_call"  # occurs in the text of programs that call functions of a library
 _PROGRAMS_FOLDER = "programs"  # folder of further names of executables, by what JAX has lowered
@@ -71,8 +72,9 @@ def _read_executable(place: Path) -> Callable[..., Any] | None:
     from jax.experimental.serialize_executable import deserialize_and_load
 
     try:
-        digest, content = _split_digest(place.read_bytes())
-        if hashlib.sha256(content).digest() != digest:  # XLA would run what is damaged
+        file = place.read_bytes()
+        content = file[_DIGEST_SIZE:]
+        if _digest(content) != file[:_DIGEST_SIZE]:  # XLA would run what is damaged
             raise ValueError("damaged")
         executable, calls_library = pickle.loads(content)
         if calls_library:
@@ -84,10 +86,9 @@ def _read_executable(place: Path) -> Callable[..., Any] | None:
     return found
 
 
-def _split_digest(file: bytes) -> tuple[bytes, bytes]:
-    """Split the content of a file into the digest that stands first, and what it is the digest of."""
-    size = hashlib.sha256().digest_size
-    return file[:size], file[size:]
+def _digest(content: bytes) -> bytes:
+    """Return the digest of a file's content, which stands before it."""
+    return hashlib.sha256(content).digest()
 
 
 @cache
@@ -201,14 +202,8 @@ def _save_executable(place: Path, compiled: Any, *, calls_library: bool) -> None
     with suppress(Exception):  # keeping executables only saves time
         content = pickle.dumps((serialize(compiled), calls_library))
         _prepare_folder(place.parent)
-        with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as new:  # for this user alone
-            try:
-                new.write(hashlib.sha256(content).digest() + content)
-                new.flush()
-                os.replace(new.name, place)
-            except OSError:  # as on a full disk
-                _delete_file(new.name)
-                raise
+        with replacing_file(place, private=True) as new:
+            new.write_bytes(_digest(content) + content)
 
 
 def name_of(function: Any) -> str | None:

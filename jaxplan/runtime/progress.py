@@ -179,7 +179,7 @@ def progress_bar(
 
 
 def _tells_no_size() -> bool:
-    """Whether stderr is a terminal that reports zero columns or lines, as those of some programs do."""
+    """Tell whether stderr is a terminal that reports zero columns or lines, as those of some programs do."""
     try:
         return 0 in os.get_terminal_size(sys.stderr.fileno())
     except (AttributeError, OSError, ValueError):  # it is no terminal

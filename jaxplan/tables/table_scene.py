@@ -67,7 +67,7 @@ def _restrict_zones(scene: Scenario, rest: Spacecraft) -> tuple[Scenario, list[s
 
 
 def _binds_only(zone: Any, known: set[str]) -> bool:
-    """Whether a zone of a group binds only devices named in `known`, and axes of the body."""
+    """Tell whether a zone of a group binds only devices named in `known`, and axes of the body."""
     devices = getattr(zone, "devices", None)
     if devices is None:  # a bound of joints
         return False

@@ -42,7 +42,7 @@ class Forgiven(NamedTuple):
         return f"{self.deg:g} deg of margins and {self.percent:g} % of limits"
 
     def covers(self, proof: Certificate, continuous: int) -> bool:
-        """Whether everything that a certificate finds fault with is forgiven.
+        """Tell whether everything that a certificate finds fault with is forgiven.
 
         Args:
             proof: a certificate with faults.

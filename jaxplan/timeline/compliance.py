@@ -88,7 +88,7 @@ def _motion_faults(
 
 
 def _covers(segment: Segment, activity: Activity, begin: float, end: float) -> bool:
-    """Whether a segment belongs to an activity and lasts at least from `begin` to `end`, s."""
+    """Tell whether a segment belongs to an activity and lasts at least from `begin` to `end`, s."""
     own = (segment.name, segment.kind) == (activity.name, activity.kind)
     return own and segment.start <= begin + _TIME_TOLERANCE and segment.end >= end - _TIME_TOLERANCE
 

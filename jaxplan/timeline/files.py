@@ -148,7 +148,7 @@ def _pack_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def _is_array(rows: list[Any]) -> bool:
-    """Whether a list consists of floats alone, or of lists of floats that are all of the same length."""
+    """Tell whether a list consists of floats alone, or of lists of floats that are all of the same length."""
     if all(type(row) is float for row in rows):
         return True
     return all(
@@ -209,7 +209,7 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def is_plan(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is an archive with the entry of a timeline's plan; its content is not checked."""
+    """Tell whether a file is an archive with the entry of a timeline's plan; its content is not checked."""
     try:
         with zipfile.ZipFile(Path(path)) as archive:
             return _CONTENT_ENTRY in archive.namelist()

@@ -445,5 +445,5 @@ def _violation_depth(motion: Motion) -> tuple[float, float]:
 
 
 def keeps_all(motion: Motion) -> bool:
-    """Whether a motion that follows targets violates nothing at its nodes and between them."""
+    """Tell whether a motion that follows targets violates nothing at its nodes and between them."""
     return max(_violation_depth(motion)) <= _VIOLATION_TOLERANCE

@@ -230,7 +230,7 @@ class Departure:
         return fitted.trajectory.duration if found and fitted.trajectory is not None else needed
 
     def _has_optimum(self, goal: State) -> bool:
-        """Whether the optimal motion to a state can be computed: at rest at both ends, nothing moves."""
+        """Tell whether the optimal motion to a state can be computed: at rest at both ends, nothing moves."""
         return self.at_rest(goal) and not moves(self.scene)
 
     def _raise_to_rung(self, enough: SlewTime) -> SlewTime:
@@ -253,7 +253,7 @@ class Departure:
         return fit(self.scenario(goal, MINIMUM), path, _goal_of_slew(self.state, goal, 0.0))
 
     def at_rest(self, goal: State) -> bool:
-        """Whether slews to a state begin and end at rest."""
+        """Tell whether slews to a state begin and end at rest."""
         return not any(np.any(one.velocity) or np.any(one.rates) for one in (self.state, goal))
 
     def shortest_plan(self, time: SlewTime) -> Plan:

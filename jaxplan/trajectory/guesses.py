@@ -78,7 +78,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
 
 
 def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
-    """Whether two sets of breaks in [0, 1] are equally many and nearly equal."""
+    """Tell whether two sets of breaks in [0, 1] are equally many and nearly equal."""
     return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _BREAK_TOLERANCE)
 
 

@@ -33,7 +33,7 @@ _FACTOR_TOLERANCE = 1e-12  # of a time factor; a step that adds less is the last
 
 
 def is_resolved(values: np.ndarray) -> bool:
-    """Whether values at the Chebyshev points suffice to interpolate between the points.
+    """Tell whether values at the Chebyshev points suffice to interpolate between the points.
 
     They do if the last terms of the sums of cosines are negligible. It is also true if a value is not finite.
 

@@ -51,7 +51,7 @@ def _value_and_gradient(name: str, chosen: Chosen, given: dict[str, Any]) -> tup
 
 
 def _is_differentiable(leaf: Any) -> bool:
-    """Whether a leaf of the arguments can be differentiated, as floating-point numbers can."""
+    """Tell whether a leaf of the arguments can be differentiated, as floating-point numbers can."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 

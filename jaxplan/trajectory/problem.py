@@ -217,10 +217,8 @@ class FitProblem:
         """
         turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
         alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
-        if (
-            self.spacecraft.wheels
-            and node_times.turn_time(turn, self.spacecraft) >= _BIND_FACTOR * self.bound
-        ):
+        slow = _BIND_FACTOR * self.bound
+        if self.spacecraft.wheels and node_times.turn_time(turn, self.spacecraft) >= slow:
             return True
         return bool(_BIND_FACTOR * alone >= self.bound)
 

@@ -274,7 +274,7 @@ def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]
 
 
 def _joints_stay(choice: Choice, targets: Targets, aim: Goal) -> bool:
-    """Whether joints at a goal are those before at any attitude, as no device with joints must point."""
+    """Tell whether joints at a goal are those before at any attitude, as no device with joints must point."""
     craft, joints = choice.departure.scene.usable, choice.before.joints
     wished = [craft.device_names.index(wish.device) for wish in targets.prefer]
     fixed = all(number >= craft.gimbals.count for number in (*targets.numbers(craft), *wished))

@@ -63,6 +63,14 @@ def test_a_bar_tells_that_something_compiles_until_it_has(terminal):
         assert terminal.wait().startswith("planning: search [")
 
 
+def test_a_bar_tells_for_which_size_something_compiles(terminal):
+    with redirect_stderr(terminal), progress_bar("planning") as bar:
+        bar.compiles_for("8 zones")
+        jax.jit(lambda x: x * 18.25)(1.0)
+        terminal.wait(), terminal.wait()
+    assert "planning: compiling for 8 zones [" in terminal.getvalue()
+
+
 def test_what_jax_compiles_is_noticed(terminal):
     with redirect_stderr(terminal), progress_bar("planning"):
         jax.jit(lambda x: x * 17.25)(1.0)
