@@ -28,7 +28,7 @@ from jaxplan.cases import RANDOM_KINDS
 from jaxplan.exporting import SPARSEST
 from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.tables import sampled
-from jaxplan.tables.table_scene import as_known
+from jaxplan.tables.table import as_known
 
 EPOCH = "2026-03-01T00:00:00"
 FORMATS = ("aem", "ck", "stk", "basilisk", "csv", "npz")

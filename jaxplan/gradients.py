@@ -32,10 +32,9 @@ from jaxplan.planner import Plan
 from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
 from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.differentiation import linear_map
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import is_traced, quick_jit
-from jaxplan.runtime.linear import linear_map
-from jaxplan.runtime.precompile import Task, side_by_side
+from jaxplan.runtime.jit import Task, is_traced, quick_jit, side_by_side
 from jaxplan.trajectory import Trajectory
 
 Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_float_leaves` of a scenario

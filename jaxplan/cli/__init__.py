@@ -13,8 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from jaxplan.cli.common import BAD_INPUT, DONE, complain, plain_warnings, report_refused_kernels
-from jaxplan.cli.parser import Parser
+from jaxplan.cli.common import BAD_INPUT, DONE, Parser, complain, plain_warnings, report_refused_kernels
 from jaxplan.runtime.garbage import end_without_collection, seldom_collected
 from jaxplan.runtime.progress import seldom_lines
 from jaxplan.version import __version__

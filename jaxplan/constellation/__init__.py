@@ -11,7 +11,7 @@ each terminal points at and what blocks the view, `switch` makes a planning prob
 `result` plans these problems and summarizes the plans.
 
 For links that change over hours: `link_schedules` lists the links step by step (by default those of the
-`mesh` between neighbouring satellites), `fleet` plans each satellite from an order of `orders`, and
+`Mesh` between neighbouring satellites), `fleet` plans each satellite from an order of `orders`, and
 `fleet_folder` keeps the plans on disk.
 """
 

@@ -1,7 +1,7 @@
 """Schedules of links: which satellite each terminal of a shell points at, step by step over hours or a day.
 
 Time is divided into steps, during each of which a satellite's links stay as they are. They follow from the
-mesh of the shell (`mesh`), or the caller gives them. A link is *out* for a whole step if at some time in it
+mesh of the shell (`Mesh`), or the caller gives them. A link is *out* for a whole step if at some time in it
 its direction, seen from either end, is inside the keep-out cone of Sun, Moon or Earth, or outside by less
 than `CLEARANCE`. This is checked at instants at most 10 s apart, between which directions in low orbit turn
 by less than `CLEARANCE`.
@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import sky
-from jaxplan.constellation.links import CLEARANCE
-from jaxplan.constellation.mesh import LEFT, NOBODY, RIGHT, SIDES, Mesh, crossing_latitude
+from jaxplan.constellation.links import CLEARANCE, LEFT, NOBODY, RIGHT, SIDES, Mesh, crossing_latitude
 from jaxplan.constellation.shell import Shell, out_of_range
 from jaxplan.constellation.switch import chosen_satellites, relay_spacecraft
 from jaxplan.model.epochs import parse_epoch
@@ -28,7 +27,7 @@ from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import checked_spacecraft
-from jaxplan.sky.orbits import EARTH_RADIUS
+from jaxplan.sky.frames import EARTH_RADIUS
 
 LONGEST = 86400.0  # s, longest duration of a schedule
 _MAX_CHECK_INTERVAL = 10.0  # s, longest time between the instants at which links are checked
@@ -146,7 +145,7 @@ def link_schedule(
         topology: links that replace those to neighbours: a function of a time in s, called at the start of
             each step, that returns integers (T, n), the number of a satellite for each terminal and -1 for
             none; or a pair of times (K,) in s, rising from zero, and integers (K, T, n). None for the links
-            of `mesh`.
+            of `links.Mesh`.
         highest_latitude: rad, in (0, pi / 2], beyond which there are no links to other planes; None for 5 deg
             below where planes cross.
         hysteresis: fraction, in [0, 0.9], by which another satellite must be nearer for a link to change to

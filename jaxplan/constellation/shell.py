@@ -24,7 +24,7 @@ from jaxplan.runtime.arguments import number
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.schema import ScenarioError
-from jaxplan.sky import orbits
+from jaxplan.sky import frames, orbits
 
 PATTERNS = ("delta", "star")
 HIGHEST = 1e6  # km, greatest altitude of a shell; beyond it the Earth holds no satellites
@@ -111,12 +111,12 @@ class Shell:
     @property
     def radius(self) -> float:
         """Radius of the orbits, from the Earth's centre, km."""
-        return orbits.EARTH_RADIUS + self.altitude
+        return frames.EARTH_RADIUS + self.altitude
 
     @property
     def mean_motion(self) -> float:
         """Mean motion along the orbits, rad/s."""
-        return math.sqrt(orbits.EARTH_MU / self.radius) / self.radius
+        return math.sqrt(frames.EARTH_MU / self.radius) / self.radius
 
     @property
     def period(self) -> float:

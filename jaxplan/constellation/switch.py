@@ -38,7 +38,7 @@ from jaxplan.runtime.arguments import as_floats, expect, several
 from jaxplan.runtime.display import shown
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import checked_spacecraft
-from jaxplan.sky.orbits import EARTH_RADIUS
+from jaxplan.sky.frames import EARTH_RADIUS
 
 _SIDE_MOUNTS = {3: (("cross", 90.0),), 4: (("right", -90.0), ("left", 90.0))}  # deg about z, from x ahead
 

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.derivatives.held import A_PLAN, Held, held_of
-from jaxplan.derivatives.refusals import expect_known_time
+from jaxplan.derivatives.held import A_PLAN, Held, expect_known_time, held_of
 from jaxplan.goal.followed_goal import followed_by
-from jaxplan.model.moving_nodes import leads_of
+from jaxplan.model.path import leads_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
 from jaxplan.planner.clock import Clock

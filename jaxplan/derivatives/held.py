@@ -2,6 +2,9 @@
 
 These are the goal and what is active there (`jaxplan.goal.followed_goal`), the corners of the path, and which
 limits, zones and nodes bind in the trajectory (`jaxplan.trajectory.active_set`).
+
+Some scenarios and plans have no derivatives. All reasons why are told at once; those that depend on the fit
+of a plan are found when it is held.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,12 +14,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxplan.derivatives.refusals import rates_at, reasons_of_scenario, refuse
-from jaxplan.goal.followed_goal import Followed, followed_by
+from jaxplan.goal.followed_goal import Followed, followed_by, least_time_doubt
 from jaxplan.goal.free_devices import MadeWay
-from jaxplan.model.moving_nodes import Leads, leads_of
-from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.goals import LEAST_TIME, Targets
+from jaxplan.model.path import Goal, Leads, Path, leads_of
+from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.record import end_rates
@@ -30,7 +32,73 @@ from jaxplan.trajectory.active_set import FitRecord, nearer_optima
 from jaxplan.trajectory.node_times import FEWEST_NODES, padded, passed_nodes
 from jaxplan.trajectory.sqp import NearOptimum
 
+_NEEDS_TIME = (
+    "has targets or zones that move: derivatives and tuning then know given durations only: set "
+    "trajectory.duration_s to a number (it has no slopes itself then), or hold what moves at an instant"
+)
+
+
 A_PLAN = "jp.plan makes one of a scenario"
+
+
+def expect_followable(scenario: Scenario) -> None:
+    """Raise a ValueError for a scenario none of whose plans can have derivatives.
+
+    Reasons that depend on the plan itself are found by `hold`.
+    """
+    asked = scenario.asked
+    targets = asked if isinstance(asked, Targets) else None
+    end = () if targets is not None and targets.moves else rates_at(scenario, asked)
+    reasons = reasons_of_scenario(scenario, end)
+    if targets is not None and targets.criterion == LEAST_TIME and (targets.moves or targets.prefer):
+        reasons.append(least_time_doubt(targets))
+    refuse(scenario.name, reasons)
+
+
+def reasons_of_scenario(scenario: Scenario, end: Sequence[Any]) -> list[str]:
+    """Return the reasons why plans of a scenario have no derivatives, as far as the scenario alone tells.
+
+    `end` holds the angular velocity (3,) and joint rates (J,) rad/s at the goal.
+    """
+    if needs_time(scenario):
+        return [f"its scene {_NEEDS_TIME}"]
+    ends = (*rates_at(scenario, scenario.start), *end)
+    if not scenario.trajectory.timed and any(np.any(rate) for rate in ends):
+        return ["it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"]
+    return []
+
+
+def refuse(name: str, reasons: Sequence[str]) -> None:
+    """Raise a ValueError that lists the reasons why a plan has no derivatives, unless there are none."""
+    if len(reasons) == 1:
+        raise ValueError(f"the plan of {name} has no derivatives: {reasons[0]}")
+    if reasons:
+        numbered = "\n".join(f"  {number}. {reason}" for number, reason in enumerate(reasons, 1))
+        raise ValueError(
+            f"the plan of {name} has no derivatives, for {len(reasons)} reasons:\n{numbered}\n"
+            "A goal that is given as a state, plan.goal.state, and a trajectory.duration_s some per cent "
+            "above that of the plan do without all of them"
+        )
+
+
+def needs_time(scenario: Scenario) -> bool:
+    """Tell whether a target or zone moves and no duration is given; the duration then depends on the goal."""
+    return moves(scenario) and not scenario.trajectory.timed
+
+
+def expect_known_time(scenario: Scenario) -> None:
+    """Raise a ValueError where a target or zone moves and no duration is given."""
+    if needs_time(scenario):
+        raise ValueError(f"{scenario.name} {_NEEDS_TIME}")
+
+
+def rates_at(scenario: Scenario, end: Any) -> tuple[Any, Any]:
+    """Return the angular velocity (3,) and joint rates (J,) rad/s of a start or goal, with zeros for None."""
+    given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)
+    velocity, rates = (
+        np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
+    )
+    return velocity, rates
 
 
 @shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")

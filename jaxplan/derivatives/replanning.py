@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.derivatives.held import Held
-from jaxplan.derivatives.refusals import expect_known_time, rates_at
+from jaxplan.derivatives.held import Held, expect_known_time, rates_at
 from jaxplan.goal.derivative import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import GivenState

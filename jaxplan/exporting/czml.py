@@ -17,7 +17,7 @@ import numpy as np
 from jaxplan import sky, so3
 from jaxplan.exporting.sampled import Sampling, continued, device_frames, field_in_own_axes, instrument_frames
 from jaxplan.model.epochs import utc_texts
-from jaxplan.runtime.colours import COLOURS, KEEP_IN, KEEP_OUT
+from jaxplan.runtime.display import COLOURS, KEEP_IN, KEEP_OUT
 from jaxplan.sky.frames import EARTH_RATE, gcrs_to_earth
 
 LENGTH = 1e6

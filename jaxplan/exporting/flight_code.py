@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from jaxplan.exporting.flight import Flight
+from jaxplan.exporting.messages import plain
 from jaxplan.exporting.pieces import Pieces, pieces_of
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.text_lines import plain
 from jaxplan.version import __version__
 
 LONGEST_PREFIX = 18  # characters: C99 distinguishes external names by 31, of which _evaluate takes 9

@@ -10,7 +10,6 @@ from typing import get_args
 
 import numpy as np
 
-from jaxplan.exporting.aem import write_aem
 from jaxplan.exporting.ck import write_spice
 from jaxplan.exporting.czml import write_czml
 from jaxplan.exporting.flight import (
@@ -25,9 +24,9 @@ from jaxplan.exporting.flight import (
 )
 from jaxplan.exporting.flight_code import what_is_needed, write_code
 from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
+from jaxplan.exporting.messages import write_aem, write_stk
 from jaxplan.exporting.pieces import write_pieces
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.table_proof import SPARSEST, SPARSEST_DEG, Readings, expect_held, sparsest
 from jaxplan.exporting.tables import write_basilisk, write_csv, write_npz
 from jaxplan.model.epochs import parse_epoch

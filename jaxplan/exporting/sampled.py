@@ -21,7 +21,7 @@ from jaxplan.geometry.vectors import AnyArray, azimuth_elevation, frame
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.outlines import FORWARD, UP, field_corners
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.wheel_shares import wheel_loads
+from jaxplan.model.wheel_reach import wheel_loads
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.sky import Satellite
 from jaxplan.trajectory.curve import Samples, total_momentum

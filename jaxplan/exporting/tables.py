@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.exporting.messages import table_lines
 from jaxplan.exporting.sampled import Sampled, Sampling
-from jaxplan.exporting.text_lines import table_lines
 from jaxplan.model.epochs import utc_texts
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.tables.table import column_name

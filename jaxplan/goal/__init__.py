@@ -38,11 +38,10 @@ from jaxplan.geometry import quaternion
 from jaxplan.goal import least_time, multistart
 from jaxplan.goal.caps import Caps, assemble, deepest_row
 from jaxplan.goal.derivative import goal_in_time
-from jaxplan.goal.free_devices import settled
+from jaxplan.goal.free_devices import WISH_SPARE, settled, with_wishes
 from jaxplan.goal.open_constraints import beyond, goals_beside
 from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished
-from jaxplan.goal.wishes import SPARE, with_wishes
 from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.goals import LEAST_TIME, Targets
 from jaxplan.model.path import Goal
@@ -202,7 +201,7 @@ def descend_once(
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
     with jax.enable_x64(True):
         wishes = Wished.all_of(spacecraft, targets, problem.ranges)
-        met = tuple(wish._replace(reach=SPARE) for wish in wishes)  # as if all wishes could be met
+        met = tuple(wish._replace(reach=WISH_SPARE) for wish in wishes)  # as if all wishes could be met
         problem = replace(problem, wishes=met)
         least_time.descended(problem, assemble(problem), quaternion.exp(np.zeros((1, 3))))
 

@@ -1,8 +1,10 @@
-"""Derivatives of a goal of step 1 by its problem: those of the optimum of problem (7).
+"""Derivatives of a goal of step 1 by its problem: those of the optimum of problem (7), or of least time.
 
 Every choice is held fixed: which local minimum the goal is, and which limits and zones are active there. The
-rest is the implicit function theorem. Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal
-found, and with the caps of `caps` and the terms of `descent`, the optimum is where
+rest is the implicit function theorem.
+
+**Problem (7).** Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal found, and with the caps of
+`caps` and the terms of `descent`, the optimum is where
 
     eta + sum of m_i n_i = 0        n_i the gradient of the excess over cap i, m_i its multiplier
     excess_i = 0                    of all active caps, at most three
@@ -11,8 +13,17 @@ At the goal found ``d`` is zero, so a step of Newton's method changes nothing bu
 objective and caps is in the equations' matrix. For a goal that follows moving targets the rates are
 derivatives already (`goal_in_time`), and have first derivatives themselves.
 
+**Least time.** The goal is the optimum of `jaxplan.goal.minimax`. The unknowns are the turn ``d`` in
+``E exp(d^)`` and the time ``t``. With the ways and caps that bind, at most four, the optimum is where
+
+    slopes by d and t of  t^2 / 2 + STILLNESS theta^2 / 2 + sum of m_i c_i = 0       and      c_i = 0
+
+with ``theta`` the angle of the turn, ``c`` a way less its reach or the excess over a cap, and ``m`` its
+multiplier. A *way* is the distance that a joint or the platform has to go, its *reach* the longest distance
+that it can go in time ``t`` (`jaxplan.goal.distances`).
+
 Attitudes are body to inertial, angles in radians, joints as in `jaxplan.model.spacecraft`. Shapes: J joints,
-Z rows, m caps, k devices with targets.
+Z rows, m caps, w ways, k devices with targets.
 """
 
 from collections.abc import Sequence
@@ -27,7 +38,8 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion
-from jaxplan.goal import least_time_derivative
+from jaxplan.geometry.vectors import max_along
+from jaxplan.goal import descent
 from jaxplan.goal.active_caps import (
     GoalCaps,
     GoalState,
@@ -38,15 +50,17 @@ from jaxplan.goal.active_caps import (
     normalise,
 )
 from jaxplan.goal.aims import aims_of, goal_ranges, pointed
-from jaxplan.goal.descent import Active, active_terms, angle_terms, cap_terms, turned
+from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
+from jaxplan.goal.distances import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.goal.free_devices import MadeWay, places, preferred
 from jaxplan.goal.least_time import platform, pointers, time_unit
+from jaxplan.goal.minimax import STILLNESS
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import LEAST_TIME, Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.implicit import Equations, implicit_root
+from jaxplan.runtime.differentiation import Equations, implicit_root
 
 
 def differentiable_goal(
@@ -188,8 +202,8 @@ def _follow_optimum(
         moving = pointers(spacecraft, state.aims, (), start, began, unit)
         of_caps = caps.axis, caps.direction, caps.half_angle
         none = jnp.zeros(4, int)
-        own = least_time_derivative.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
-        optimum = least_time_derivative.soonest_turn(own, matter, equation_cap_numbers(state.asked))
+        own = Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
+        optimum = soonest_turn(own, matter, equation_cap_numbers(state.asked))
     else:
         number, multiplier = active_caps(turn, jax.lax.stop_gradient(caps), matter, state.asked)
         conditions = _Conditions(
@@ -300,3 +314,108 @@ _FIRST_ORDER = Equations(
     residual=_kkt_residual, factor=_kkt_inverse, solve=jnp.matmul, steps=1, tolerance=0.0
 )
 _SECOND_ORDER = replace(_FIRST_ORDER, again=True)
+
+
+class Conditions(NamedTuple):
+    """A goal of least time with its active ways and caps, from which the conditions of optimality follow.
+
+    Attributes:
+        turn: (4, 1) unit quaternion, scalar first, of the turn from the start to the goal found.
+        caps: axes (m, 3), directions (m, 3) and half-angles (m,) rad of all m caps that may be active.
+        pointers: devices whose joints follow directions.
+        platform: lengths of the platform's turns, with limits of their speeds.
+        number: (4,) which caps and ways are active: caps from 0, ways from m on, -1 for a free slot.
+    """
+
+    turn: Array
+    caps: tuple[Array, Array, Array]
+    pointers: Pointers
+    platform: Platform
+    number: Array
+
+
+def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -> Array:
+    """Return the quaternion (4, 1) of the turn of least time near the one found, differentiable once.
+
+    Args:
+        conditions: the goal found; its `number` is ignored, since what is active is found here.
+        matter: (m,) bool, which of the m caps must be kept.
+        equations: (2, e) numbers of the upper and lower caps of each of e angles that are met exactly.
+    """
+    still = jax.lax.stop_gradient(conditions)
+    way, *_ = ways(still.turn, still.pointers, still.platform)
+    time = max_along(_least_times(way[:, 0], *speed_limits(still.pointers, still.platform)), 0)
+    guess = jnp.concatenate([jnp.zeros(3, time.dtype), time[None]])
+    at = jnp.zeros(4, time.dtype).at[3].set(time)
+    excess, slopes = _constraint_excess(still, at), jax.jacfwd(lambda z: _constraint_excess(still, z))(at)
+    met = jnp.concatenate([matter, jnp.ones(len(way), bool)])
+    excess = jnp.where(met, excess.at[equations.ravel()].set(0.0), MET)
+    gradient = jax.grad(lambda z: _objective(still, z))(at)
+    _, active, _ = descent.solve(
+        jnp.eye(4)[:, :, None], gradient[:, None], slopes.T[:, :, None], excess[:, None]
+    )
+    number, multiplier = active.number[:, 0], active.multiplier[:, 0]
+    for upper, lower in equations.T.tolist():
+        missing = ~jnp.any((number == upper) | (number == lower))
+        slot = jnp.argmin(number)  # a free one, if any
+        put = missing & (number[slot] < 0)
+        number = jnp.where(put & (np.arange(4) == slot), upper, number)
+    own = conditions._replace(number=number)
+    root = implicit_root(_KKT_EQUATIONS, own, jnp.concatenate([guess, multiplier]))
+    return turned(conditions.turn, root[:3, None])
+
+
+def _least_times(way: Array, top: Array, growth: Array) -> Array:
+    """Return least times from rest to rest over w ways (w,), with limits (w,) of rate and acceleration."""
+    way = jnp.maximum(way, 0)
+    return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
+
+
+def _constraint_excess(own: Conditions, at: Array) -> Array:
+    """Return the excess over the m caps and then the w ways less their reach, (m + w,).
+
+    `at` (4,) is the turn from the goal found, rad, and the time.
+    """
+    turn = turned(own.turn, at[:3, None])
+    _, excess, _ = cap_terms(turn, *own.caps)
+    way, *_ = ways(turn, own.pointers, own.platform)
+    reached, *_ = reach(at[3:], *speed_limits(own.pointers, own.platform))
+    return jnp.concatenate([excess, way - reached])[:, 0]
+
+
+def _objective(own: Conditions, at: Array) -> Array:
+    """Return the objective: half the square of the time plus a little of that of the turn.
+
+    The second term makes the optimum unique. `at` is as for `_constraint_excess`.
+    """
+    _, eta, _ = angle_terms(turned(own.turn, at[:3, None]))
+    return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
+
+
+def _least_time_residual(own: Conditions, z: Array) -> Array:
+    """Return the residual (8,) of the conditions of optimality.
+
+    ``z`` is the turn (3,) rad from the goal found, the time, and the multipliers (4,).
+    """
+    used, number = own.number >= 0, jnp.maximum(own.number, 0)
+
+    def lagrangian(at: Array) -> tuple[Array, Array]:
+        depth = jnp.where(used, _constraint_excess(own, at)[number], 0)
+        return _objective(own, at) + jnp.sum(z[4:] * depth), depth
+
+    slope, depth = jax.grad(lagrangian, has_aux=True)(z[:4])
+    return jnp.concatenate([slope, jnp.where(used, depth, z[4:])])
+
+
+def _least_time_inverse(own: Conditions, z: Array) -> Array:
+    """Return the pseudoinverse (8, 8) of the derivative of `_least_time_residual` by ``z``.
+
+    It is zero along directions that are not determined.
+    """
+    derivative: Any = jax.jacfwd(lambda z: _least_time_residual(own, z))(z)
+    return jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
+
+
+_KKT_EQUATIONS = Equations(
+    residual=_least_time_residual, factor=_least_time_inverse, solve=jnp.matmul, steps=1, tolerance=0.0
+)

@@ -1,11 +1,18 @@
-"""Joints of devices that have no target and are not held: where a goal leaves them.
+"""Devices that have no target and are not held: where a goal leaves their joints, and how it meets wishes.
 
-A free device with a wish points as near to the wished direction as its range lets it. Any other stays as it
-is at the start, within its range at the goal. Where that breaks a zone, such as the beam of a device that has
-a target, or a cone of the sky that it must look into, the device *makes way*: of the clear places on a grid
-of its joint angles the one reached in the least time is taken, and the joints are then brought back toward
-where they would rather be as far as everything stays clear. Devices take turns in the order of their numbers,
-twice where several are free, since each may be in the other's way.
+**Wishes.** A wish is a direction that a device without a target shall come near to. Each wish in turn is made
+as near as the ones before allow: the least angle within which there is an attitude that meets all targets,
+zones and former wishes is found by bisection, with all of these as caps (`jaxplan.goal.caps`). A search of
+the whole covering for an angle a little less then either proves that this is the least, as far as its
+descents go, or finds something nearer, from which the bisection goes on. Where many attitudes are equally
+near, as where the wish is parallel to what the targets fix, the one of least slew is taken.
+
+**Joints.** A free device with a wish points as near to the wished direction as its range lets it. Any other
+stays as it is at the start, within its range at the goal. Where that breaks a zone, such as the beam of a
+device that has a target, or a cone of the sky that it must look into, the device *makes way*: of the clear
+places on a grid of its joint angles the one reached in the least time is taken, and the joints are then
+brought back toward where they would rather be as far as everything stays clear. Devices take turns in the
+order of their numbers, twice where several are free, since each may be in the other's way.
 
 So a device that makes way ends on the straight line of its joint angles from where it would rather be (share
 0) to that clear place (share 1), where the margin of one pair of a constraint's row and a sight is `SPARE`.
@@ -14,7 +21,7 @@ Shapes: J joints, o joints of one device (1 or 2), Z rows.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -22,7 +29,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, array_module
-from jaxplan.goal.problem import GoalProblem
+from jaxplan.goal import multistart
+from jaxplan.goal.caps import Caps, assemble
+from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.model.constraints import SIGHT, Constraints, constraint_margins, state_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.gimbals import Gimbals, angles_along, in_range
@@ -34,6 +43,12 @@ _GRID_POINTS = (121, 41)  # grid points over a drive's angle, and over each of a
 _BISECTIONS = 40  # bisections that find the share of the line
 _GRID_REFINEMENTS = 3  # further grids, each four spacings of the one before wide
 _TIE_TOLERANCE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
+
+
+WISH_SPARE = 4e-7
+"""rad, by which a wish is met less than it might be, so that the next ones have room."""
+_MIN_GAIN = 6e-7  # rad; a smaller gain in nearness is not searched for
+_MAX_SEARCHES = 6  # most searches of the whole covering for each wish
 
 
 @shown("joints", "share", "row", "sight", "ties")
@@ -283,3 +298,60 @@ def _joints_at_places(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -
     found = np.repeat(joints[None], len(places), axis=0)
     found[:, own] = places
     return found
+
+
+def with_wishes(
+    problem: GoalProblem, wishes: list[Wished], seed: int, found: np.ndarray | None = None
+) -> tuple[GoalProblem, np.ndarray]:
+    """Return the problem with its wishes as near as can be, one after the other.
+
+    Args:
+        problem: the problem of step 1; it is returned as it is where it has no solution.
+        wishes: in the order of their priority.
+        seed: seed of the covering.
+        found: (1, 4) unit quaternion of a rotation from the start that solves the problem; None to look for
+            one where there are wishes.
+
+    Returns:
+        The problem, and a quaternion (1, 4) of a rotation from the start that solves it, or none (0, 4).
+        Where the wishes leave hardly any room, that may be the only solution that can be found.
+    """
+    if found is None:
+        found = multistart.minima(assemble(problem), 1, seed) if wishes else np.empty((0, 4))
+    if not len(found):
+        return problem, found
+    near = found[0]
+    for wish in wishes:
+        near, reach = _minimise_reach(problem, wish, seed, near)
+        problem = replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach)))
+    return problem, multistart.minimum_near(assemble(problem), near)
+
+
+def _minimise_reach(
+    problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return the rotation from the start at which a wish is nearest, and how near it is.
+
+    Args:
+        problem: with the wishes before, each within its reach.
+        wish: the next one.
+        seed: seed of the covering.
+        near: (4,) unit quaternion of a solution of the problem to start from.
+
+    Returns:
+        Unit quaternion (4,), and the least reach with which there is a solution plus `WISH_SPARE`, rad.
+    """
+
+    def within(reach: float) -> Caps:
+        return assemble(replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach))))
+
+    least = np.pi
+    for _ in range(_MAX_SEARCHES):
+        near, least = multistart.least_widening(within, least, seed, near)
+        if least <= _MIN_GAIN:
+            break
+        nearer = multistart.minima(within(least - _MIN_GAIN), 1, seed)
+        if not len(nearer):
+            break
+        near, least = nearer[0], least - _MIN_GAIN
+    return near, least + WISH_SPARE

@@ -6,7 +6,7 @@ of a spacecraft; a new kind of limit is a new entry of `QUANTITIES`.
 Vectors of the platform are in body axes. A motion that is slowed down to ``s`` times its duration passes the
 same attitudes and joint angles, and each quantity falls by a power of ``s``. So the shortest duration at
 which it keeps a limit follows exactly from the largest fraction of the limit that it uses
-(`jaxplan.model.scaling`).
+(`jaxplan.model.kinematics`).
 
 What wheels give and hold has a *lesser* part, which falls by one power less: the torque that turns the total
 momentum with the body falls like the rates, and what a slow motion leaves them to hold does not fall at all
@@ -23,11 +23,10 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, norm
-from jaxplan.model.kinematics import Kinematics
-from jaxplan.model.scaling import time_factor
+from jaxplan.model.kinematics import Kinematics, time_factor
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import row_names
-from jaxplan.runtime.compute_once import made_once
+from jaxplan.runtime.lazy import made_once
 
 _AXIS_NAMES = ("x", "y", "z")
 _LENGTH_NAME = ("length",)

@@ -38,8 +38,8 @@ from jaxplan.trajectory.fit import (
     too_tight,
     within_limits,
 )
-from jaxplan.trajectory.full_wheels import full_on_the_way
 from jaxplan.trajectory.node_times import FEWEST_NODES
+from jaxplan.trajectory.outcome import full_on_the_way
 from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 
 _DEFAULT_SEGMENTS = 3

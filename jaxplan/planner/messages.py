@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.goal import Decomposition
-from jaxplan.goal.unreachable_messages import apart, off
+from jaxplan.goal.aims import apart, off
 from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets

@@ -15,7 +15,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.goal import decompose, descend_once, tracking_rates
-from jaxplan.goal.rates import least_rates
+from jaxplan.goal.pointing_start import least_rates
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
@@ -24,7 +24,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages, remedies
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
-from jaxplan.runtime.precompile import Task
+from jaxplan.runtime.jit import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 

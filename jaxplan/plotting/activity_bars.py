@@ -24,8 +24,8 @@ from matplotlib.patheffects import withStroke
 from scipy.optimize import isotonic_regression
 
 from jaxplan.model.activities import Activity
+from jaxplan.plotting.day import followings
 from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, SMALL, Entries, Look, device_style, name_lines, plain
-from jaxplan.plotting.target_spans import followings
 from jaxplan.timeline.record import TimelinePlan
 
 Span = tuple[float, float]

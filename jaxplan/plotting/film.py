@@ -23,10 +23,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from jaxplan.planner import Plan
-from jaxplan.plotting.device_places import feet
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.projections import PALE, GlobeView
 from jaxplan.plotting.sky import draw_ball, draw_ends, draw_zones, view_of
+from jaxplan.plotting.spacecraft_parts import feet
 from jaxplan.plotting.style import (
     SMALL,
     Canvas,

@@ -4,25 +4,41 @@ The local orbital frame is that of `jaxplan.sky.local_axes`: z points to nadir, 
 and x = y x z about along the velocity. It turns with the spacecraft, so a direction that is fixed in space
 moves in it. On the globe it is drawn with nadir below, as seen by somebody who looks ahead with the Earth
 under the feet and y to the right; elsewhere its two half spheres are drawn as two discs
-(`jaxplan.plotting.projections.TwoDiscs`).
+(`jaxplan.plotting.projections.TwoDiscs`) on a background of rings, directions, and the Earth about nadir.
 """
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, get_args
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from numpy.typing import ArrayLike
 
 from jaxplan import sky
 from jaxplan.geometry.vectors import azimuth_elevation
 from jaxplan.planner import Plan
-from jaxplan.plotting.projections import GlobeView
+from jaxplan.plotting.projections import GlobeView, TwoDiscs
+from jaxplan.plotting.style import GREY, HALO, SMALL, Entries, Look
 from jaxplan.runtime.arguments import expect_any
-from jaxplan.sky.orbits import EARTH_RADIUS
+from jaxplan.sky.frames import EARTH_RADIUS
 
 _ZENITH_UP_SIGNS = np.array([1.0, -1.0, -1.0])  # to turn the frame's axes to x ahead, y left, z to the zenith
 
 _LOW_ORBIT_RATE = 1.2e-3  # rad/s: rate at which the frame of a spacecraft in low orbit turns
+
+
+_EARTH: Look = {"facecolor": "#E3EDF5", "edgecolor": "#5B87A6", "linewidth": 1.0, "zorder": 0.6}
+_EARTH_ENTRY: Look = {
+    "marker": "o",
+    "markersize": 9,
+    "linestyle": "none",
+    "markerfacecolor": _EARTH["facecolor"],
+    "markeredgecolor": _EARTH["edgecolor"],
+}
+_RING: Look = {"facecolor": "none", "edgecolor": "0.85", "linewidth": 0.5}  # within a disc
+_RING_NAME: Look = {**HALO, "fontsize": SMALL - 1, "color": "0.5"}
 
 
 class Inertial:
@@ -187,3 +203,29 @@ def orbit_of(plan: Plan, observer: object, asked: str) -> Orbital:
             f"{asked}: the scene {plan.scenario.name!r} has no epoch: give it epoch_utc, or [sky]"
         )
     return Orbital(orbit, plan.scenario.epoch)
+
+
+def draw_discs(axes: Axes, frame: Orbital) -> Entries:
+    """Draw the two empty discs with rings, azimuth lines and the Earth; returns the Earth's legend entry."""
+    projection = TwoDiscs()
+    axes.set_aspect("equal", anchor="E")  # else the layout counts space beside it as the legend's room
+    edge = projection.middle + 90
+    axes.set(xlim=(-edge - 12, edge + 12), ylim=(-104, 104))
+    axes.set_axis_off()
+    earth = Circle((-projection.middle, 0), np.rad2deg(frame.limb()), **_EARTH)
+    for middle, words in ((-projection.middle, "nadir"), (projection.middle, "zenith")):
+        axes.add_artist(Circle((middle, 0), 90, facecolor="white", edgecolor="0.6", zorder=0.5))
+        for ring in projection.rings[:-1]:
+            axes.add_artist(Circle((middle, 0), ring, zorder=0.7, **_RING))
+        for turn in np.deg2rad(range(0, 180, 45)):
+            ends = 90 * np.array([[np.sin(turn)], [np.cos(turn)]]) * (-1, 1)
+            axes.plot(middle + ends[0], ends[1], zorder=0.7, color="0.88", linewidth=0.5)
+        small: Look = {"fontsize": SMALL, "color": GREY, "ha": "center"}
+        axes.text(middle, 93, "ahead", va="bottom", **small)
+        axes.text(middle, -93, f"behind \N{EN DASH} angles from {words}", va="top", **small)
+        axes.text(middle + 97, 0, "right", va="center", rotation=90, **small)
+        axes.text(middle - 97, 0, "left", va="center", rotation=90, **small)
+    for text, (across, up) in projection.ring_names():
+        axes.text(float(across), float(up), text, zorder=3.5, **_RING_NAME)
+    axes.add_artist(earth)
+    return [(Line2D([], [], **_EARTH_ENTRY), "the Earth, to its limb")]

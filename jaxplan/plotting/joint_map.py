@@ -37,7 +37,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-from jaxplan.plotting.tube import band_entry, draw_squares
+from jaxplan.plotting.tracks import band_entry, draw_squares
 
 _PANEL_SIZE = (WIDTH, 2.6)  # inches: width and height of a terminal's panel
 _MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}

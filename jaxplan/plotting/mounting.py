@@ -1,10 +1,10 @@
 """A spacecraft in space: how its devices are mounted, what they can reach, and where they look.
 
 The platform is a cube, since nothing is known of its shape, and devices stand on the sides to which they
-look, each at its foot (`jaxplan.plotting.device_places`). Around its foot a terminal is drawn with its yaw
-axis and the part of a sphere that its ranges reach, with masks cut out; a drive with its axis and the fan in
-which its boresight turns; a field of view as a pyramid. A reaction wheel is a ring in the cube, across its
-axis (`jaxplan.plotting.wheel_picture`). Lengths mean nothing; directions are in body axes. An arrow on what a
+look, each at its foot. Around its foot a terminal is drawn with its yaw axis and the part of a sphere that
+its ranges reach, with masks cut out; a drive with its axis and the fan in which its boresight turns; a field
+of view as a pyramid. A reaction wheel is a ring in the cube, across its axis. Where all this is, is computed
+in `jaxplan.plotting.spacecraft_parts`. Lengths mean nothing; directions are in body axes. An arrow on what a
 joint reaches points to where its angle grows.
 """
 
@@ -27,10 +27,10 @@ from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.outlines import FORWARD, UP, field_corners, turns
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.plotting import wheel_picture
-from jaxplan.plotting.device_places import feet
-from jaxplan.plotting.joint_reach import (
+from jaxplan.plotting import spacecraft_parts
+from jaxplan.plotting.spacecraft_parts import (
     cells_of,
+    feet,
     middles_of,
     once_around,
     outline_of,
@@ -69,7 +69,7 @@ _MAX_LINES, _OTHER_LINES = 34, 12  # in a column of the legend; of these, for en
 _FILLED_SHARE = 0.84  # fraction of the axes' width or height that the picture fills
 _LETTER_SIZE = np.array([0.75, 1.8])  # width of a letter and height of a line, in units of the font size
 _HEAD_LENGTH = 0.07  # length of an arrow's head, in the picture's units
-_WHEEL_ENTRY: Look = {"color": wheel_picture.COLOUR, "markerfacecolor": to_rgba(*wheel_picture.FILL)}
+_WHEEL_ENTRY: Look = {"color": spacecraft_parts.COLOUR, "markerfacecolor": to_rgba(*spacecraft_parts.FILL)}
 _SQUARE_CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square, in order around it
 
 
@@ -160,7 +160,7 @@ class _Picture:
         own = [turn_by(*pair) for pair in zip(azimuth, elevation, strict=True)]
         # rotations to the body from the moving part (boresight, left, up) of each gimbal
         self.moved = [frame @ turn for frame, turn in zip(craft.gimbals.frames, own, strict=True)]
-        self.hubs = wheel_picture.hubs(craft.wheels)
+        self.hubs = spacecraft_parts.hubs(craft.wheels)
         self.zero = craft.boresights(np.eye(3), np.zeros(craft.joint_count))
         self.now = craft.boresights(np.eye(3), joints)
 
@@ -190,13 +190,15 @@ class _Picture:
 
     def _draw_wheels(self) -> None:
         """Draw each reaction wheel as a ring across its axis, with an arrow along the axis."""
-        look: Look = {"color": wheel_picture.COLOUR, "linewidth": 1.3}
+        look: Look = {"color": spacecraft_parts.COLOUR, "linewidth": 1.3}
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
-            ring = wheel_picture.ring(wheel, hub)
+            ring = spacecraft_parts.ring(wheel, hub)
             hubs = np.broadcast_to(hub, ring[2::2].shape)
-            self._fill(np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *wheel_picture.FILL)
+            self._fill(
+                np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *spacecraft_parts.FILL
+            )
             self._add_line(ring, look)
-            self._add_arrow(_segment(hub, wheel_picture.SPIN * np.asarray(wheel.axis)), look)
+            self._add_arrow(_segment(hub, spacecraft_parts.SPIN * np.asarray(wheel.axis)), look)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
         """Draw device `number` at its foot (3,): what it reaches, its boresights and its field of view."""
@@ -316,8 +318,8 @@ class _Picture:
         letter = letter * SMALL / (SMALL + 1)
         labels.taken.extend((self._to_pixels(hub), np.full(2, float(letter[1]))) for hub in self.hubs)
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
-            places = wheel_picture.name_places(wheel, hub)
-            self._place_name(labels, wheel.name, places, letter, (wheel_picture.COLOUR, SMALL))
+            places = spacecraft_parts.name_places(wheel, hub)
+            self._place_name(labels, wheel.name, places, letter, (spacecraft_parts.COLOUR, SMALL))
 
     def _place_name(
         self, labels: Labels, name: str, places: list[np.ndarray], letter: np.ndarray, look: tuple[str, float]
@@ -414,7 +416,7 @@ class _Picture:
             (
                 bool(self.craft.wheels),
                 Line2D([], [], marker="o", markersize=8, linestyle="none", **_WHEEL_ENTRY),
-                wheel_picture.label(self.craft.wheels),
+                spacecraft_parts.label(self.craft.wheels),
             ),
         ]
         return found + [(handle, text) for there, handle, text in kinds if there]

@@ -16,9 +16,8 @@ from matplotlib.patches import Circle, Rectangle
 
 from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan
-from jaxplan.plotting.frames import INERTIAL, Inertial, Orbital, frame_of
+from jaxplan.plotting.frames import INERTIAL, Inertial, Orbital, draw_discs, frame_of
 from jaxplan.plotting.joint_map import field_outlines
-from jaxplan.plotting.orbital_discs import draw_discs
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, TwoDiscs, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
@@ -39,8 +38,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
-from jaxplan.plotting.tracks import END_MARK, START_MARK, boresight_tracks, end_marks
-from jaxplan.plotting.tube import draw_tubes
+from jaxplan.plotting.tracks import END_MARK, START_MARK, boresight_tracks, draw_tubes, end_marks
 from jaxplan.plotting.zones import (
     NOTHING,
     Cone,

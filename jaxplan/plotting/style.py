@@ -44,9 +44,9 @@ from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan, as_plan
 from jaxplan.plotting.time_axis import EndLocator, day_axis, mark_nodes, seconds
 from jaxplan.runtime.arguments import as_floats, expect, show
-from jaxplan.runtime.colours import COLOURS as COLOURS
-from jaxplan.runtime.colours import KEEP_IN as KEEP_IN
-from jaxplan.runtime.colours import KEEP_OUT as KEEP_OUT
+from jaxplan.runtime.display import COLOURS as COLOURS
+from jaxplan.runtime.display import KEEP_IN as KEEP_IN
+from jaxplan.runtime.display import KEEP_OUT as KEEP_OUT
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.curve import Samples

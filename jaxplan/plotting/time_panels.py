@@ -24,7 +24,7 @@ from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import QUANTITIES, Quantity, timed_limits
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.wheel_shares import wheel_loads
+from jaxplan.model.wheel_reach import wheel_loads
 from jaxplan.planner import Plan
 from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.style import (
@@ -48,7 +48,7 @@ from jaxplan.plotting.style import (
     time_axis,
     titled,
 )
-from jaxplan.plotting.tube import band_entry, draw_band
+from jaxplan.plotting.tracks import band_entry, draw_band
 from jaxplan.trajectory import total_momentum
 
 _LONG_WORD = 10  # letters of a label's last word, beyond which the unit stands on a line of its own
@@ -80,7 +80,7 @@ class Panel(NamedTuple):
         styles: of the curves.
         names: of the curves.
         nodes: (c, m) values at the m nodes of the path, in SI units; None for no dots.
-        error: half width of a band about each curve (`jaxplan.plotting.tube`), in SI units; zero for none.
+        error: half width of a band about each curve (`jaxplan.plotting.tracks`), in SI units; zero for none.
         whole: (c, 2) the whole limits where `limits` is what a reserve leaves of them; None without a
             reserve.
     """

@@ -27,6 +27,7 @@ from jaxplan.plotting.activity_bars import (
     slews,
     write_names,
 )
+from jaxplan.plotting.day import followings
 from jaxplan.plotting.limit_lines import barrier
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.style import (
@@ -50,7 +51,6 @@ from jaxplan.plotting.style import (
     plain,
     time_axis,
 )
-from jaxplan.plotting.target_spans import followings
 from jaxplan.plotting.time_panels import draw_platform_rate, draw_wheel_momenta, joint_panels
 from jaxplan.runtime.arguments import expect
 from jaxplan.timeline.record import TimelinePlan

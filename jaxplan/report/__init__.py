@@ -17,10 +17,19 @@ from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proving import certify, check_margins
 from jaxplan.report import tables
-from jaxplan.report.captions import ALONG_ORBIT
 from jaxplan.report.day import day_page
-from jaxplan.report.document import document
-from jaxplan.report.markup import Markup, degrees, facts, framed, number, section, tag, tiles
+from jaxplan.report.markup import (
+    ALONG_ORBIT,
+    Markup,
+    degrees,
+    document,
+    facts,
+    framed,
+    number,
+    section,
+    tag,
+    tiles,
+)
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import dump_scenario

@@ -4,13 +4,23 @@ import numpy as np
 
 from jaxplan.model.status import Status
 from jaxplan.report import tables
-from jaxplan.report.captions import ALONG_ORBIT
-from jaxplan.report.document import document
-from jaxplan.report.markup import Markup, degrees, facts, join, number, section, table, tag, tiles
+from jaxplan.report.markup import (
+    ALONG_ORBIT,
+    Markup,
+    degrees,
+    document,
+    facts,
+    join,
+    number,
+    section,
+    table,
+    tag,
+    tiles,
+)
 from jaxplan.sky import Satellite
 from jaxplan.timeline.events import Event, events
-from jaxplan.timeline.listing import activity_rows, clock, stamps
 from jaxplan.timeline.record import PlannedActivity, TimelinePlan
+from jaxplan.timeline.tables import activity_rows, clock, stamps
 from jaxplan.version import __version__
 
 _CAPTIONS = {

@@ -1,8 +1,13 @@
-"""HTML in which text stays text: what is put into a tag is escaped, unless it is `Markup`, which is HTML."""
+"""HTML in which text stays text: what is put into a tag is escaped, unless it is `Markup`, which is HTML.
+
+A document around the content of a page loads nothing, and no script runs in it unless it holds a viewer in a
+frame of its own.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -12,6 +17,24 @@ _VOID_TAGS = ("img", "meta")
 _MAX_NARROW_COLUMNS = 3  # number of columns up to which a table does not take the whole width of the page
 _MAX_TILES_IN_ROW = 5  # number of cards in a row at most
 Row = Sequence[Any]
+
+
+ALONG_ORBIT = {
+    "orbital_sphere": "The sphere in the local orbital frame, which turns with the spacecraft: the half "
+    "sphere about nadir, with the Earth to its limb, and that about the zenith, on both ahead up and the "
+    "right to the right. What stands still in space moves in it.",
+    "attitude": "The body in that frame (x about along the velocity, y against the orbit's normal, z to "
+    "nadir), by yaw, then pitch, then roll; and how far boresights are from nadir.",
+    "ground_track": "Where the spacecraft is overhead, and where boresights meet the ellipsoid of WGS 84.",
+}
+
+
+# Content security policy: a browser may use only images and styles that are in the page itself.
+_STATIC_POLICY = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+)
+# The policy of a page with a viewer, which frames inherit; the viewer's library names fonts it never uses.
+_VIEWER_POLICY = f"{_STATIC_POLICY}; script-src 'unsafe-inline'; font-src data: 'self' file:"
 
 
 class Markup(str):
@@ -123,3 +146,28 @@ def framed(page: str, title: str) -> Markup:
 def section(name: str, title: str, *content: Any) -> Markup:
     """Make a section of the page with its heading; `name` is the anchor that links go to."""
     return tag("section", tag("h2", title), *content, id=name)
+
+
+def document(title: str, main: Markup, *, running: bool = False) -> str:
+    """Make the text of an HTML document in the style of all pages.
+
+    Args:
+        title: of the document.
+        main: its content.
+        running: whether it holds a viewer, whose scripts must be allowed to run.
+    """
+    style = Markup(files("jaxplan.report").joinpath("page.css").read_text(encoding="utf-8"))
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag(
+            "meta",
+            http_equiv="Content-Security-Policy",
+            content=_VIEWER_POLICY if running else _STATIC_POLICY,
+        ),
+        tag("meta", name_="viewport", content="width=device-width, initial-scale=1"),
+        tag("meta", name_="color-scheme", content="light dark"),
+        tag("title", title),
+        tag("style", style),
+    )
+    return f"<!DOCTYPE html>\n{tag('html', head, tag('body', main), lang='en')}\n"

@@ -13,7 +13,7 @@ from jaxplan.model.devices import NEAREST_TO_POLE
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.equality import same
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
-from jaxplan.model.wheel_shares import shared_out
+from jaxplan.model.wheel_reach import shared_out
 from jaxplan.model.wheels import FLAT, MINIMAX, PSEUDO_INVERSE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place

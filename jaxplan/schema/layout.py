@@ -21,12 +21,12 @@ from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.schema.checks import check_drive, check_mount, check_spacecraft, check_terminal, check_wheel
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.fields_of_view import check_field
 from jaxplan.schema.model_tables import declared
 from jaxplan.schema.sky import SKY, Followed
 from jaxplan.schema.states import StateOf
 from jaxplan.schema.tables import Field
 from jaxplan.schema.value_kinds import Choice, Interval, Number, Text, YesNo, shortest_degrees
+from jaxplan.schema.zone_checks import check_field
 from jaxplan.sky import BODIES
 
 SCHEMA_VERSION = 1

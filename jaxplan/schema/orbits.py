@@ -12,7 +12,7 @@ from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.tables import Either, Field, Table
 from jaxplan.schema.value_kinds import Choice, Integer, Interval, Kind, Number
 from jaxplan.sky.ephemeris import FRAMES
-from jaxplan.sky.orbits import EARTH_RADIUS
+from jaxplan.sky.frames import EARTH_RADIUS
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION_DEG = Number(Interval("[-180, 180]"), degrees=True)

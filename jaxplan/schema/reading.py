@@ -27,14 +27,12 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
-from jaxplan.schema.fields_of_view import check_zones
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
-from jaxplan.schema.local_frame import in_inertial
-from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
-from jaxplan.schema.states import Pointing
+from jaxplan.schema.states import Pointing, in_inertial
 from jaxplan.schema.tables import Table
 from jaxplan.schema.value_kinds import Epoch, Kind
+from jaxplan.schema.zone_checks import check_robust, check_zones
 
 Read = TypeVar("Read")
 

@@ -36,16 +36,15 @@ from jaxplan.schema.activities import (
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_unique, placed
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError
-from jaxplan.schema.fields_of_view import check_zones
 from jaxplan.schema.headings import HEADING, Heading
 from jaxplan.schema.layout import SCENARIO, split_scenario
-from jaxplan.schema.local_frame import in_inertial
 from jaxplan.schema.model_tables import declared
 from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
-from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import Aim, Followed, Lasting, View, looked_up_names, resolve_all
+from jaxplan.schema.states import in_inertial
 from jaxplan.schema.tables import Field, Rows, Table
 from jaxplan.schema.value_kinds import Choice, Text
+from jaxplan.schema.zone_checks import check_robust, check_zones
 
 KIND = "timeline"
 MOST_ACTIVITIES = 5000  # more are refused before they are read

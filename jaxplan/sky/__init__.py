@@ -23,12 +23,11 @@ messages also the extra ``oem``, for kernels of SPICE ``spice``.
 """
 
 from jaxplan.sky.body_zones import keep_out, path
-from jaxplan.sky.circular import CircularOrbit
 from jaxplan.sky.ephemeris import Ephemeris, EphemerisError, read_oem
 from jaxplan.sky.frames import BODIES, RADII
 from jaxplan.sky.ground import GroundPoint
-from jaxplan.sky.kepler import KeplerOrbit
 from jaxplan.sky.line_of_sight import Occulter, hidden, occulter, target
+from jaxplan.sky.orbits import CircularOrbit, KeplerOrbit
 from jaxplan.sky.passes import Pass, passes
 from jaxplan.sky.sights import (
     LOCAL,

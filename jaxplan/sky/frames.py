@@ -32,9 +32,12 @@ from numpy.typing import ArrayLike
 
 from jaxplan.model.epochs import TT_MINUS_TAI, leaps
 from jaxplan.runtime.arguments import floats
-from jaxplan.sky.orbits import EARTH_RADIUS
 
 BODIES = ("sun", "moon", "earth")
+# World Geodetic System 1984 (NGA.STND.0036): equatorial radius, and GM of the Earth with its atmosphere.
+EARTH_RADIUS = 6378.137  # km
+EARTH_MU = 398600.4418  # km^3/s^2
+
 RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the module
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _SECONDS_PER_DAY = 86400.0

@@ -11,8 +11,7 @@ from numbers import Real
 import numpy as np
 
 from jaxplan.runtime.display import shown
-from jaxplan.sky.frames import earth_fixed_state, library
-from jaxplan.sky.orbits import EARTH_RADIUS
+from jaxplan.sky.frames import EARTH_RADIUS, earth_fixed_state, library
 
 _FLATTENING = 1 / 298.257223563  # of the ellipsoid of WGS 84
 _SQUARED_ECCENTRICITY = _FLATTENING * (2 - _FLATTENING)  # the square of its eccentricity

@@ -1,24 +1,34 @@
-"""Circular Keplerian orbits, and the directions from one satellite to others.
+"""Orbits about the Earth, circular ones and others that do not escape, and directions between satellites.
 
 Conventions. The frame is inertial with its origin at the Earth's centre and z along the Earth's axis; right
-ascensions are counted from x. Lengths are in km, angles in rad, times in s. A satellite has an altitude above
-the equatorial radius, an inclination, a right ascension of its ascending node, and at time zero an argument
-of latitude: the angle along the orbit from the ascending node, which is what a true anomaly means where there
-is no perigee (section 5 of the paper). All arguments broadcast against each other.
+ascensions are counted from x. Lengths are in km, angles in rad, times in s. On a circular orbit a satellite
+has an altitude above the equatorial radius, an inclination, a right ascension of its ascending node, and at
+time zero an argument of latitude: the angle along the orbit from the ascending node, which is what a true
+anomaly means where there is no perigee (section 5 of the paper). Functions of these compute with JAX, and
+their arguments broadcast against each other; Keplerian orbits are computed with numpy.
 
-Left out are the Earth's oblateness, drag, and the time that light takes: over the minutes of a manoeuvre they
-turn a line of sight by some 1e-4 rad, far less than a step of the search.
+Left out are drag, Sun, Moon, the time that light takes, and the Earth's oblateness, by which the node of a
+low orbit turns by up to 8 deg a day; the position is off by tens of km after one revolution. Over the minutes
+of a manoeuvre all this turns a line of sight between satellites by some 1e-4 rad, far less than a step of the
+search. For long times use two-line elements or an ephemeris.
 """
 
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from math import pi
+from numbers import Real
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-# World Geodetic System 1984 (NGA.STND.0036): equatorial radius, and GM of the Earth with its atmosphere.
-EARTH_RADIUS = 6378.137  # km
-EARTH_MU = 398600.4418  # km^3/s^2
+from jaxplan.model.epochs import parse_epoch
+from jaxplan.runtime.display import shown
+from jaxplan.sky.frames import EARTH_MU, EARTH_RADIUS, elapsed
+
+_MAX_ITERATIONS = 60  # of Newton's method, more than any solution takes: 3 to 6, but for e near 1
 
 
 def mean_motion(altitude: ArrayLike) -> Array:
@@ -148,3 +158,184 @@ def earth_blocks(observer: ArrayLike, target: ArrayLike, lowest_altitude: ArrayL
         (...) bool, true also where a position is not a number.
     """
     return ~(grazing_altitude(observer, target) >= jnp.asarray(lowest_altitude))
+
+
+@shown("altitude km", "inclination deg", "node deg", "latitude deg", "epoch")
+@dataclass(frozen=True, kw_only=True)
+class CircularOrbit:
+    """A satellite on a circular Keplerian orbit.
+
+    Its elements refer to the axes of the GCRS: to the equator of J2000, not that of date, from which it
+    differs by 0.006 deg a year.
+
+    Attributes:
+        altitude: km above the Earth's equatorial radius, in (0, 1e6].
+        inclination: rad, in [-pi, pi].
+        node: rad, right ascension of the ascending node.
+        latitude: rad, argument of latitude at the orbit's epoch.
+        epoch: UTC in ISO 8601 at which `latitude` holds; None for the epoch given in each call.
+    """
+
+    altitude: float
+    inclination: float
+    node: float
+    latitude: float
+    epoch: str | None = None
+
+    def __post_init__(self) -> None:
+        _expect_numbers(self)
+        if not 0 < self.altitude <= 1e6:
+            raise ValueError(f"altitude = {self.altitude}: must lie in (0, 1e6] km")
+        _expect_angles(self, "node", "latitude")
+
+
+def orbit_state(
+    orbit: CircularOrbit, epoch: np.datetime64, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return position and velocity on a circular orbit.
+
+    Args:
+        orbit: the orbit of the satellite.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km and (..., 3) km/s, GCRS.
+    """
+    if orbit.epoch is not None:
+        times = elapsed(parse_epoch(orbit.epoch), epoch, times)
+    position, velocity, rate = _epoch_state(orbit.altitude, orbit.inclination, orbit.node, orbit.latitude)
+    # numpy goes round the circle, since JAX would compile anew for every number of times
+    cos, sin = np.cos(rate * times)[..., None], np.sin(rate * times)[..., None]
+    return cos * position + sin / rate * velocity, cos * velocity - sin * rate * position
+
+
+@lru_cache(maxsize=4096)
+def _epoch_state(*elements: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return position (3,) km, velocity (3,) km/s and mean motion, rad/s, at the epoch of a circular orbit.
+
+    The arguments are altitude, inclination, node and latitude, as in `CircularOrbit`.
+    """
+    with jax.enable_x64(True):
+        place, speed = np.asarray(position(*elements)), np.asarray(velocity(*elements))
+        return place, speed, float(mean_motion(elements[0]))
+
+
+@shown(
+    "semi_major_axis km", "eccentricity", "inclination deg", "node deg", "perigee deg", "anomaly deg", "epoch"
+)
+@dataclass(frozen=True, kw_only=True)
+class KeplerOrbit:
+    """A satellite on a Keplerian orbit, with elements about the axes of the GCRS (the equator of J2000).
+
+    Attributes:
+        semi_major_axis: km, at most 1e6, and so large that the perigee is outside the Earth.
+        eccentricity: in [0, 1).
+        inclination: rad, in [-pi, pi].
+        node: rad, right ascension of the ascending node.
+        perigee: rad, argument of the perigee, measured from the ascending node.
+        anomaly: rad, true anomaly at the orbit's epoch, measured from the perigee.
+        epoch: UTC in ISO 8601 at which the elements hold; None for the epoch given in each call.
+    """
+
+    semi_major_axis: float
+    eccentricity: float
+    inclination: float
+    node: float
+    perigee: float
+    anomaly: float
+    epoch: str | None = None
+
+    def __post_init__(self) -> None:
+        _expect_numbers(self)
+        if not 0 <= self.eccentricity < 1:
+            raise ValueError(f"eccentricity = {self.eccentricity}: must lie in [0, 1)")
+        if not 0 < self.semi_major_axis <= 1e6:
+            raise ValueError(f"semi_major_axis = {self.semi_major_axis}: must lie in (0, 1e6] km")
+        lowest = self.semi_major_axis * (1 - self.eccentricity)
+        if not lowest > EARTH_RADIUS:
+            raise ValueError(
+                f"semi_major_axis = {self.semi_major_axis}: the perigee is {lowest:.6g} km from the Earth's "
+                f"centre, must be beyond {EARTH_RADIUS}"
+            )
+        _expect_angles(self, "node", "perigee", "anomaly")
+
+
+def kepler_state(
+    orbit: KeplerOrbit, epoch: np.datetime64, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return position and velocity on a Keplerian orbit.
+
+    Args:
+        orbit: the orbit of the satellite.
+        epoch: UTC.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3) km and (..., 3) km/s, GCRS.
+    """
+    if orbit.epoch is not None:
+        times = elapsed(parse_epoch(orbit.epoch), epoch, times)
+    a, e = orbit.semi_major_axis, orbit.eccentricity
+    minor = np.sqrt((1 - e) * (1 + e))  # semi-minor axis, in semi-major ones
+    rate = np.sqrt(EARTH_MU / a) / a
+    first = 2 * np.arctan2(
+        np.sqrt(1 - e) * np.sin(orbit.anomaly / 2), np.sqrt(1 + e) * np.cos(orbit.anomaly / 2)
+    )
+    eccentric = eccentric_anomaly(first - e * np.sin(first) + rate * times, e)
+    cos, sin = np.cos(eccentric), np.sin(eccentric)
+    speed = a * rate / (1 - e * cos)
+    plane = _perifocal_axes(orbit)
+    position = np.stack([a * (cos - e), a * minor * sin], axis=-1) @ plane
+    velocity = np.stack([-speed * sin, speed * minor * cos], axis=-1) @ plane
+    return position, velocity
+
+
+def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
+    """Solve Kepler's equation ``E - e sin E = M`` for the eccentric anomaly ``E``.
+
+    Args:
+        mean: (...) rad, the mean anomaly ``M``, of any number of turns.
+        eccentricity: ``e``, in [0, 1).
+
+    Returns:
+        (...) rad, in the same turn as the mean anomaly.
+    """
+    turns = 2 * np.pi * np.round(np.asarray(mean) / (2 * np.pi))
+    wanted = mean - turns  # in [-pi, pi]
+    # Beyond the solution on the side where the function is convex, so that no step leads past it.
+    found = np.where(wanted < 0, -np.pi, np.pi) * np.ones(np.shape(wanted))
+    for _ in range(_MAX_ITERATIONS):
+        step = (found - eccentricity * np.sin(found) - wanted) / (1 - eccentricity * np.cos(found))
+        found = found - step
+        if np.all(np.abs(step) <= 1e-14):
+            break
+    return np.asarray(found + turns)
+
+
+def _perifocal_axes(orbit: KeplerOrbit) -> np.ndarray:
+    """Return unit vectors (2, 3), GCRS, toward the perigee and toward a true anomaly of a quarter turn."""
+    ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
+    co, so = np.cos(orbit.node), np.sin(orbit.node)
+    cw, sw = np.cos(orbit.perigee), np.sin(orbit.perigee)
+    at_node, quarter_on = np.array([co, so, 0.0]), np.array([-so * ci, co * ci, si])
+    return np.stack([cw * at_node + sw * quarter_on, cw * quarter_on - sw * at_node])
+
+
+def _expect_numbers(orbit: CircularOrbit | KeplerOrbit) -> None:
+    """Raise `ValueError` if an element is not a number."""
+    for field in fields(orbit):
+        given: object = getattr(orbit, field.name)  # whatever its type says
+        if field.name != "epoch" and (isinstance(given, bool) or not isinstance(given, Real)):
+            raise ValueError(f"{field.name} = {given!r}: must be a number")
+
+
+def _expect_angles(orbit: CircularOrbit | KeplerOrbit, *names: str) -> None:
+    """Raise `ValueError` if inclination, an angle of these names, or epoch is not what it must be."""
+    if not abs(orbit.inclination) <= np.pi:  # more is degrees
+        raise ValueError(f"inclination = {orbit.inclination}: must lie in [-pi, pi] rad")
+    for name in names:
+        if not abs(getattr(orbit, name)) <= 1e3:
+            raise ValueError(f"{name} = {getattr(orbit, name)}: must lie in [-1e3, 1e3] rad")
+    if orbit.epoch is not None:
+        parse_epoch(orbit.epoch)

@@ -25,11 +25,10 @@ from numpy.typing import ArrayLike
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import floats, number
-from jaxplan.sky.circular import CircularOrbit, orbit_state
 from jaxplan.sky.ephemeris import Ephemeris, ephemeris_state
 from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
 from jaxplan.sky.ground import GroundPoint, ground_state
-from jaxplan.sky.kepler import KeplerOrbit, kepler_state
+from jaxplan.sky.orbits import CircularOrbit, KeplerOrbit, kepler_state, orbit_state
 from jaxplan.sky.spk import SpkBody, spk_state
 from jaxplan.sky.two_line_elements import Tle, tle_state
 

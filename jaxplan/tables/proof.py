@@ -30,8 +30,7 @@ from jaxplan.tables.devices import OtherDevicesError
 from jaxplan.tables.files import load_attitude
 from jaxplan.tables.interpolation import Reading, needs, reading
 from jaxplan.tables.joined_certificates import joined_proof, with_margins
-from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable
-from jaxplan.tables.table_scene import as_known
+from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable, as_known
 from jaxplan.tables.tolerances import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, Forgiven, forgiven
 
 TOLERANCE = np.deg2rad(1e-4)

@@ -20,7 +20,7 @@ from jaxplan.geometry.vectors import separation
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import Zone
 from jaxplan.sky import RADII
-from jaxplan.sky.orbits import EARTH_MU
+from jaxplan.sky.frames import EARTH_MU
 from jaxplan.timeline.sign_changes import Changes, changes
 
 _ZONE_NAMES = {"sun": ("sun",), "earth": ("earth", "nadir")}

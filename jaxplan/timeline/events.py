@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.wheel_shares import wheel_loads
+from jaxplan.model.wheel_reach import wheel_loads
 from jaxplan.model.zones import KeepOut
 from jaxplan.runtime.arguments import expect, number
 from jaxplan.runtime.display import shown

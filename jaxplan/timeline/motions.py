@@ -15,7 +15,7 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.followed_goal import with_wishes_met
-from jaxplan.goal.rates import least_rates
+from jaxplan.goal.pointing_start import least_rates
 from jaxplan.model.activities import Activity
 from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.constraints import Constraints

@@ -43,7 +43,7 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.gimbals import TURN, angles_along
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.implicit import Equations, implicit_root
+from jaxplan.runtime.differentiation import Equations, implicit_root
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_energy import Leaning, LeastMotion, Nodes, rate_bounds, wish_weight

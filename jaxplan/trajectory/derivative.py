@@ -28,7 +28,7 @@ from jaxplan.model.limits import lesser_components, timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.implicit import Equations, implicit_root
+from jaxplan.runtime.differentiation import Equations, implicit_root
 from jaxplan.trajectory import node_times
 from jaxplan.trajectory.binding import ActiveSet, FitInputs, Traced
 from jaxplan.trajectory.curve import Trajectory

@@ -18,7 +18,7 @@ from functools import cache
 
 import numpy as np
 
-from jaxplan.model.scaling import time_factor
+from jaxplan.model.kinematics import time_factor
 from jaxplan.runtime.batching import in_groups
 
 _CURVES_PER_GROUP = 16  # curves whose maxima are found together; their results stay in the processor's cache

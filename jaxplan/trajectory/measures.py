@@ -26,7 +26,7 @@ from jaxplan.geometry.vectors import arrays, max_along, min_along
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.wheel_shares import wheel_loads
+from jaxplan.model.wheel_reach import wheel_loads
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.plan_measures import at_once, of_plans

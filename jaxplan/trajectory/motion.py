@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxplan.model.constraints import axes_in_body, counted, joint_values
 from jaxplan.model.gimbals import Gimbals
-from jaxplan.model.scaling import time_factor
+from jaxplan.model.kinematics import time_factor
 from jaxplan.model.scores import margins_of_scores, scores
 from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded_call
 from jaxplan.trajectory.problem import DiscreteProblem

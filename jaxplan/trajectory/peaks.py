@@ -29,7 +29,7 @@ import numpy as np
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import dot
-from jaxplan.model.kinematics import Kinematics
+from jaxplan.model.kinematics import Kinematics, time_factor
 from jaxplan.model.limits import (
     Limit,
     are_lengths,
@@ -39,7 +39,6 @@ from jaxplan.model.limits import (
     timed_limits,
     values,
 )
-from jaxplan.model.scaling import time_factor
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import WheelArray
 from jaxplan.runtime.batching import in_groups

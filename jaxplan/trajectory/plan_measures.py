@@ -21,8 +21,8 @@ from jax import Array
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.differentiation import linear_map
 from jaxplan.runtime.jit import is_traced, quick_jit
-from jaxplan.runtime.linear import linear_map
 from jaxplan.trajectory.curve import Trajectory
 
 Given = ParamSpec("Given")

@@ -25,10 +25,9 @@ from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import guesses, node_times
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, checked, fit_each
-from jaxplan.trajectory.full_wheels import full_at_goal
 from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
 from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
-from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
+from jaxplan.trajectory.outcome import better, beyond_charts, full_at_goal, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS

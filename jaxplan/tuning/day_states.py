@@ -25,7 +25,7 @@ from jaxplan.derivatives import own_arrays
 from jaxplan.goal.derivative import differentiable_goal
 from jaxplan.goal.followed_goal import AS_A_STATE, followed_by
 from jaxplan.goal.free_devices import MadeWay
-from jaxplan.goal.rates import differentiable_rates
+from jaxplan.goal.pointing_start import differentiable_rates
 from jaxplan.model.activities import Activity
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import LEAST_ROTATION, Targets

@@ -1,6 +1,6 @@
 """The total time of a day as a function of its timeline, with derivatives.
 
-The choices made while a timeline was planned are held fixed (`jaxplan.timeline.choices`): the order, which
+The choices made while a timeline was planned are held fixed (`jaxplan.timeline.record`): the order, which
 slews wait for a window, and how the duration of each slew came about. The rest is followed from activity to
 activity:
 

@@ -25,8 +25,7 @@ from jaxplan.planner.entry_points import as_filed, plan_with_fits
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.garbage import seldom_collected
-from jaxplan.runtime.jit import clear_if_full, quick_jit
-from jaxplan.runtime.precompile import ahead
+from jaxplan.runtime.jit import ahead, clear_if_full, quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import with_numbers

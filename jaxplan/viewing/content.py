@@ -21,8 +21,8 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, masks
 from jaxplan.planner import Plan
-from jaxplan.plotting.device_places import feet
 from jaxplan.plotting.margin_panels import margins_over_time
+from jaxplan.plotting.spacecraft_parts import feet
 from jaxplan.plotting.style import AXIS_STYLES, COLOURS, KEEP_IN, KEEP_OUT, Motion, motion
 from jaxplan.timeline.record import TimelinePlan
 

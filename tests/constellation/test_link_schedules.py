@@ -9,8 +9,7 @@ from reference import assert_each, unit
 import jaxplan as jp
 from jaxplan import sky
 from jaxplan.constellation import relay_spacecraft
-from jaxplan.constellation.links import CLEARANCE
-from jaxplan.constellation.mesh import Mesh
+from jaxplan.constellation.links import CLEARANCE, Mesh
 
 R, MU = 6378.137, 398600.4418
 EPOCH = "2026-06-20T09:30:00"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.exporting import sampled
-from jaxplan.exporting.text_kernels import ticks
+from jaxplan.exporting.ck import ticks
 from jaxplan.model.epochs import ephemeris_time
 
 spice = pytest.importorskip("spiceypy", reason="spiceypy is not installed")

@@ -10,7 +10,7 @@ from exports import EPOCH, flown_plan
 
 import jaxplan as jp
 from jaxplan.cli import main
-from jaxplan.exporting.text_kernels import frames_of
+from jaxplan.exporting.ck import frames_of
 from jaxplan.model.export_names import name_faults
 
 GOOD = {"object_name": "EO-1", "object_id": "2000-075A", "originator": "ESA", "frame_name": "SC_BODY_2"}

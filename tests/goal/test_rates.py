@@ -6,7 +6,7 @@ import pytest
 from builders import make_observer
 from scipy.spatial.transform import Rotation
 
-from jaxplan.goal.rates import differentiable_rates, least_rates
+from jaxplan.goal.pointing_start import differentiable_rates, least_rates
 from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 

@@ -7,7 +7,7 @@ from builders import make_observer
 
 import jaxplan as jp
 from jaxplan.goal import decompose
-from jaxplan.goal.unreachable_messages import apart, off
+from jaxplan.goal.aims import apart, off
 from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.tabulation import tabulate
 from jaxplan.planner.steps import find_goals

@@ -11,7 +11,7 @@ import pytest
 from manoeuvres import craft, manoeuvre
 from reference import attitudes_of, joints_of, spin_of
 
-from jaxplan.model.kinematics import Kinematics
+from jaxplan.model.kinematics import Kinematics, time_factor
 from jaxplan.model.limits import (
     QUANTITIES,
     are_lengths,
@@ -21,7 +21,6 @@ from jaxplan.model.limits import (
     longest,
     values,
 )
-from jaxplan.model.scaling import time_factor
 from jaxplan.trajectory import measures
 from jaxplan.trajectory.peaks import peaks as peaks_of
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.moving_nodes import leads_of
+from jaxplan.model.path import leads_of
 
 TURN, MOVE = np.array([0.36, -0.48, 0.8]), np.array([0.3, -0.2, 0.5])
 START = Rotation.from_rotvec([0.4, 1.1, -0.3])

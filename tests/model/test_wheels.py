@@ -21,9 +21,9 @@ from wheels import (
     wheels,
 )
 
+from jaxplan.model.kinematics import time_factor
 from jaxplan.model.limits import limits, timed_limits
-from jaxplan.model.scaling import time_factor
-from jaxplan.model.wheel_shares import shared_out
+from jaxplan.model.wheel_reach import shared_out
 from jaxplan.model.wheels import MINIMAX, PSEUDO_INVERSE, wheel_array
 from jaxplan.trajectory import measures, total_momentum
 from jaxplan.trajectory.peaks import peaks

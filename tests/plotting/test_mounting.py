@@ -14,8 +14,8 @@ from reference import angle, assert_each, unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.plotting import mounting, style, wheel_picture
-from jaxplan.plotting.device_places import feet
+from jaxplan.plotting import mounting, spacecraft_parts, style
+from jaxplan.plotting.spacecraft_parts import feet
 
 DOME, LOOK, FIELD = mounting._REACH_RADIUS, mounting._BORESIGHT, mounting._FIELD_LENGTH
 
@@ -184,7 +184,7 @@ def test_each_wheel_is_a_ring_across_its_axis_with_an_arrow_along_it_and_its_nam
     wheels = _wheels([1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1])
     craft = replace(make_observer(), inertia=80.0 * np.eye(3), wheels=wheels)
     axes = jp.plot.spacecraft(craft)
-    own = lines(axes, wheel_picture.COLOUR)
+    own = lines(axes, spacecraft_parts.COLOUR)
     rings = [line for line in own if len(line) > 9]
     assert len(rings) == len(wheels)
     for wheel, ring in zip(wheels, rings, strict=True):
@@ -204,7 +204,7 @@ def test_each_wheel_is_a_ring_across_its_axis_with_an_arrow_along_it_and_its_nam
 
 def test_wheels_about_one_axis_stand_apart():
     axes = [*np.eye(3), *-np.eye(3), *np.eye(3), [1, 1, 1], [0, 0, 1]]
-    middles = np.array(wheel_picture.hubs(_wheels(*axes)))
+    middles = np.array(spacecraft_parts.hubs(_wheels(*axes)))
     apart = np.linalg.norm(middles[:, None] - middles, axis=-1) + 9 * np.eye(len(middles))
     assert np.min(apart) > 0.19
     assert_each(np.abs(middles), "<", mounting._HALF_EDGE - 0.05)

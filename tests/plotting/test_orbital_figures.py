@@ -19,8 +19,18 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.plotting.coast import FILE, FINE, coasts, land, within
-from jaxplan.plotting.ground_track import _SITE_MARK, _TRACK_LINE, GROUND_SIZE, _name_sites, _Site
+from jaxplan.plotting.ground_track import (
+    _SITE_MARK,
+    _TRACK_LINE,
+    FILE,
+    FINE,
+    GROUND_SIZE,
+    _name_sites,
+    _Site,
+    coasts,
+    land,
+    within,
+)
 from jaxplan.plotting.sky import SPHERE_SIZE
 from jaxplan.plotting.style import device_style, motion
 from jaxplan.sky.ground import geodetic, surface_point

@@ -11,8 +11,8 @@ from reference import angle, direction
 from wheels import random_wheels, with_wheels
 
 import jaxplan as jp
-from jaxplan.plotting.tube import NAME, edges, radii
-from jaxplan.plotting.tube import told as tube_name
+from jaxplan.plotting.tracks import NAME, edges, radii
+from jaxplan.plotting.tracks import told as tube_name
 
 ROBUST = jp.Robust(attitude_error=np.deg2rad(0.8), joint_error=np.deg2rad(0.4))
 

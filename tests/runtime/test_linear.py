@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxplan.runtime.linear import linear_map
+from jaxplan.runtime.differentiation import linear_map
 
 MATRIX = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 4.0]])
 AT, ALONG, BACK = np.array([0.3, -2.0, 1.5]), np.array([1.0, 0.25, -3.0]), np.array([2.0, -0.75])

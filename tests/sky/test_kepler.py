@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from jaxplan import sky
-from jaxplan.sky.kepler import eccentric_anomaly
+from jaxplan.sky.orbits import eccentric_anomaly
 
 EPOCH = "2026-06-20T09:30:00"
 MU = 398600.4418

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from reference import assert_each
 
 from jaxplan import sky
-from jaxplan.sky import orbits
+from jaxplan.sky import frames, orbits
 from jaxplan.sky.two_line_elements import check_sum, tle_state_teme
 
 api = pytest.importorskip("sgp4.api", reason="sgp4 is not installed")
@@ -238,12 +238,12 @@ def test_a_circular_orbit_is_met_to_the_size_of_the_earths_oblateness():
     two = put(put(put(TWO, 27, "0000001"), 35, "  0.0000"), 44, " 40.0000")
     tle = sky.parse_tle(f"{put(ONE, 54, ' 00000-0')}\n{two}")
     rate = 15.49560532 * 2 * np.pi / 86400
-    altitude = (orbits.EARTH_MU / rate**2) ** (1 / 3) - orbits.EARTH_RADIUS
+    altitude = (frames.EARTH_MU / rate**2) ** (1 / 3) - frames.EARTH_RADIUS
     times = np.arange(0.0, 601.0, 100.0)
     kepler = orbits.position(altitude, *np.deg2rad([51.64, 208.9163, 40.0]), times)
     turned = kepler @ teme_to_j2000("2024-03-19T01:51:42.567").T
     apart = np.linalg.norm(sky.positions(tle, epoch=tle.epoch, times=times) - turned, axis=1)
-    oblateness = 1.0826e-3 * orbits.EARTH_RADIUS  # 6.9 km
+    oblateness = 1.0826e-3 * frames.EARTH_RADIUS  # 6.9 km
     assert 0.1 * oblateness < apart.max() < 3 * oblateness
 
 

@@ -10,7 +10,7 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.tables.table_scene import as_known
+from jaxplan.tables.table import as_known
 
 STEP = 0.5
 WRITTEN = ("aem", "ck", "stk", "basilisk", "csv", "npz")

@@ -13,7 +13,7 @@ import jaxplan as jp
 from jaxplan.model.epochs import utc_stamps
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline.events import KINDS, events
-from jaxplan.timeline.listing import activity_rows, clock, event_rows, events_table, stamps
+from jaxplan.timeline.tables import activity_rows, clock, event_rows, events_table, stamps
 
 
 def _times(found, kind, what=None):
