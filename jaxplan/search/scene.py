@@ -122,11 +122,6 @@ class Scene:
                 axes[terminal] = grouped[np.argmax(np.max(grouped @ looks.T, axis=1))]
         return axes
 
-    def within_ranges(self, joints: np.ndarray) -> np.ndarray:
-        """Return joints (..., J), rad, clipped to their ranges."""
-        low, high = self.joint_ranges.T
-        return np.maximum(np.minimum(joints, high), low)
-
     @cached_property
     def straight_steps(self) -> float:
         """Cost in steps of the straight motion from start to goal; no path costs less."""
