@@ -9,7 +9,7 @@ of a plan are found when it is held.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -39,6 +39,8 @@ _NEEDS_TIME = (
 
 
 A_PLAN = "jp.plan makes one of a scenario"
+
+Tree = TypeVar("Tree")
 
 
 def expect_followable(scenario: Scenario) -> None:
@@ -242,7 +244,7 @@ def held_of(
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
     attitudes, joints = padded(path.attitudes, nodes), padded(path.joints, nodes)
-    return Held(
+    held = Held(
         goal=goal,
         moves=followed.moves,
         attitudes=attitudes,
@@ -255,15 +257,14 @@ def held_of(
         met=followed.met,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
+    return own_arrays(held)  # a goal that is given as a state is made of the scenario's own arrays
 
 
-def own_arrays(scenario: Scenario) -> Scenario:
-    """Return the scenario with its numpy arrays copied.
+def own_arrays(tree: Tree) -> Tree:
+    """Return a tree, such as a scenario, with its numpy arrays copied.
 
     While JAX differentiates in 32 bits with respect to numpy arrays, it treats these very array objects as
     32-bit ones, even in calls of code that was compiled for 64 bits; copies are not affected.
     """
-    copied: Scenario = jax.tree.map(
-        lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, scenario
-    )
+    copied: Tree = jax.tree.map(lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, tree)
     return copied

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from builders import make_scenario
 from quick import quick_jit
 
 import jaxplan as jp
@@ -50,6 +51,21 @@ def test_at_the_plans_own_scenario_it_is_the_plans_trajectory_in_64_bits(plan, t
     before, now = plan.trajectory.sample(times), found.sample(times)
     np.testing.assert_allclose(now.attitude, before.attitude, atol=1e-6)
     np.testing.assert_allclose(now.joints, before.joints, atol=1e-6)
+
+
+def test_a_goal_that_is_given_as_a_state_is_differentiated_without_a_context():
+    plan = jp.plan(make_scenario(1), progress=False)
+    trajectory = jp.differentiable(plan)
+    slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)), allow_int=True)(
+        plan.scenario
+    )
+    step = 1e-6
+    ends = []
+    for side in (1, -1):
+        joints = plan.scenario.goal.joints + side * step * np.array([1.0, 0.0])
+        moved = replace(plan.scenario, goal=replace(plan.scenario.goal, joints=joints))
+        ends.append(float(jp.measures.effort(trajectory(moved))))
+    assert float(slopes.goal.joints[0]) == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4)
 
 
 @pytest.mark.slow
