@@ -148,19 +148,19 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
 def _platform_state(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Kinematics:
     """The kinematic state of the platform at one place, without gimbal stages; arguments as of `loads_at`."""
 
-    def moving(*point: Array) -> tuple[Array, ...]:
-        return chart_motion(turn, *point)[1:]
+    def moving(*point: Array) -> tuple[tuple[Array, ...], Array]:
+        turned, *spin = chart_motion(turn, *point)
+        return tuple(spin), turned
 
     b, first, second, third = z[:, :3]
     point = (place[None], b, first, second)
     if highest_derivative(names) > 2:
-        spin, (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
+        spin, (_, jerk), turned = jax.jvp(moving, point, (jnp.ones(1), first, second, third), has_aux=True)
         spin = (*spin, jerk)
     else:
-        spin = moving(*point)
+        spin, turned = moving(*point)
     motion = Kinematics(spin=spin, inertia=body.inertia)
     if body.array is not None:
-        turned = chart_motion(turn, place[None], b, first, second)[0]
         motion = motion._replace(total=body.total @ turned, array=body.array)
     return motion
 

@@ -86,7 +86,7 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     """
     x, y, duration = _split_unknowns(held, inputs, z)
     c, on = held.free @ x + offset_of(held, inputs, duration), _row_mask(held)
-    values, slopes = _row_values(held, inputs, c, duration), _row_slopes(held, inputs, c, duration)
+    values, slopes, lesser = _rows_with_slopes(held, inputs, c, duration)
     if held.free_time:
         by_time, gradient = _log_energy_slopes(held, inputs, c, z[-1])
     else:
@@ -95,9 +95,8 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     parts = [pull.ravel(), jnp.where(on, values, y)]
     if held.free_time:
         shares = jnp.where(on, _duration_powers(held, inputs) * (values + 1), 0)
-        lesser = _lesser_terms(held, inputs, c, duration)
         if lesser is not None:
-            shares = shares.at[lesser[0]].add(-lesser[1])
+            shares = shares.at[_load_rows(held)].add(-lesser[0])
         parts.append((1 + by_time - jnp.sum(y * shares))[None])
     return jnp.concatenate(parts)
 
@@ -123,23 +122,10 @@ def _duration_powers(held: ActiveSet, inputs: FitInputs) -> Traced:
     return jnp.concatenate([linear, loads, jnp.zeros(len(held.zones.on))])
 
 
-def _lesser_terms(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Any:
-    """Lesser parts of the rows of loads, and their derivatives in the free coefficients.
-
-    A lesser part falls by one power of the duration less than the rest of its load.
-
-    Returns:
-        The slice of the loads' rows among all rows, their lesser parts (one each, zero for padding), and the
-        derivatives of these (one row each, k A columns); None where no load has a lesser part.
-    """
-    loads, first = held.loads, len(held.linear.on)
-    if not len(loads.on) or max(inputs.lesser) < 0:
-        return None
-    local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
-    value = jnp.where(loads.on, _lesser_values(inputs, duration, loads, local), 0)
-    slope = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, _lesser_slopes(inputs, duration, loads, local))
-    slope = jnp.pad(slope, ((0, 0), (0, 0), (0, c.shape[1] - slope.shape[2]))).reshape(len(value), -1)
-    return slice(first, first + len(value)), value, jnp.where(loads.on[:, None], slope, 0)
+def _load_rows(held: ActiveSet) -> slice:
+    """The slice of the loads' rows among all rows."""
+    first = len(held.linear.on)
+    return slice(first, first + len(held.loads.on))
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
@@ -156,40 +142,52 @@ def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
     return jnp.einsum("rd,rdn->rn", powers, linear.rows)
 
 
-def _row_values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """Excess (R,) of each row over its bound, negative if kept: a fraction of the bound; rad for margins."""
-    linear, loads, zones = held.linear, held.loads, held.zones
-    value = jnp.einsum("rn,nr->r", _linear_rows(held, inputs), c[:, linear.axis])
+def _rows_with_slopes(
+    held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced
+) -> tuple[Traced, Traced, tuple[Traced, Traced] | None]:
+    """Evaluate all rows, with their derivatives in the k free coefficients of each axis.
+
+    Returns:
+        The excess (R,) of each row over its bound, negative if kept: a fraction of the bound; rad for
+        margins. Its derivatives (R, k, A). Of the loads' rows the lesser parts (one each, zero for padding)
+        and their derivatives (one row each, k A columns); None where no load has a lesser part. A lesser part
+        falls by one power of the duration less than the rest of its load.
+    """
+    linear, loads, zones, axes = held.linear, held.loads, held.zones, c.shape[1]
+    factors, own_rows, lesser = _linear_factors(held, inputs, duration), _linear_rows(held, inputs), None
+    value = jnp.einsum("rn,nr->r", own_rows, c[:, linear.axis])
     of_node = inputs.nodes[linear.node, linear.axis]
     centre = jnp.where(linear.node >= 0, of_node, inputs.centres[linear.scale])
-    values = [_linear_factors(held, inputs, duration) * (value - centre) - 1]
-    if len(loads.on):
-        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
-        values.append(_load_values(inputs, duration, loads, local))
-    if len(zones.on):
-        values.append(_zone_values(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c))
-    return jnp.concatenate(values)
-
-
-def _row_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """(R, k, A) derivatives of each row's `_row_values` in the k free coefficients of each axis."""
-    linear, loads, zones = held.linear, held.loads, held.zones
-    axes = c.shape[1]
-    rows = _linear_factors(held, inputs, duration)[:, None] * (_linear_rows(held, inputs) @ held.free)
+    values = [factors * (value - centre) - 1]
+    rows = factors[:, None] * (own_rows @ held.free)
     slopes = [jnp.einsum("rk,ra->rka", rows, jnp.eye(axes)[linear.axis])]
     if len(loads.on):
-        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
-        slope = _load_slopes(inputs, duration, loads, local)
-        own = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, slope)
-        slopes.append(jnp.pad(own, ((0, 0), (0, 0), (0, axes - own.shape[2]))))
+        local, basis = _local_curves(inputs, loads, c), loads.rows @ held.free
+        found, slow = _load_values(inputs, duration, loads, local)
+        values.append(found)
+        by_free = [
+            jnp.einsum("rdk,rda->rka", basis, slope) for slope in _load_slopes(inputs, duration, loads, local)
+        ]
+        by_free = [jnp.pad(one, ((0, 0), (0, 0), (0, axes - one.shape[2]))) for one in by_free]
+        slopes.append(by_free[0])
+        if max(inputs.lesser) >= 0:
+            bent = by_free[1].reshape(len(slow), -1)
+            lesser = jnp.where(loads.on, slow, 0), jnp.where(loads.on[:, None], bent, 0)
     if len(zones.on):
-        slope = _zone_slopes(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
+        chart = inputs.axes, inputs.halves
+        values.append(_zone_values(inputs, zones, chart, zones.row @ c))
+        slope = _zone_slopes(inputs, zones, chart, zones.row @ c)
         slopes.append(jnp.einsum("rk,ra->rka", zones.row @ held.free, slope))
-    return jnp.concatenate(slopes)
+    return jnp.concatenate(values), jnp.concatenate(slopes), lesser
 
 
-def _load_excess(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """Fraction of its limit by which one load exceeds it, negative if it is kept.
+def _local_curves(inputs: FitInputs, loads: BindingLoads, c: Traced) -> Traced:
+    """The curve (r, 4, B) at the places of r rows of loads, with three derivatives, on the axes they need."""
+    return jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
+
+
+def _load_excess(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> tuple[Traced, Traced]:
+    """Fraction of its limit by which one load exceeds it, negative if it is kept, and its lesser part.
 
     Args:
         inputs: as of the module.
@@ -197,21 +195,19 @@ def _load_excess(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Trac
         row: a single row, at its place.
         z: (4, B) the curve's first B axes there (``b``, perhaps joints), and their three derivatives by the
             place.
+
+    Returns:
+        The excess, and the lesser part as a fraction of the load's limit, zero where there is none.
     """
     loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
     value = row.sign * loads[row.component] / limit[row.component] - 1
-    if any(number >= 0 for number in inputs.lesser):
-        value = value + (1 - 1 / duration) * _lesser_share(inputs, duration, row, z)
-    return value
-
-
-def _lesser_share(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """The lesser part of a load as a fraction of the load's limit; arguments as of `_load_excess`."""
-    loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
+    if max(inputs.lesser) < 0:
+        return value, jnp.zeros_like(value)
     number = jnp.array(inputs.lesser)[row.component]
     limit = inputs.limits * duration ** np.array([power - 1.0 for power in inputs.load_powers])
-    return jnp.where(number >= 0, row.sign * loads[number] / limit[row.component], 0)
+    slow = jnp.where(number >= 0, row.sign * loads[number] / limit[row.component], 0)
+    return value + (1 - 1 / duration) * slow, slow
 
 
 def _margin_shortfall(
@@ -234,7 +230,7 @@ def _margin_shortfall(
     return inputs.wanted[row.device, row.zone] - margin[0]
 
 
-def _map_with_derivatives(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., Traced], ...]:
+def _map_with_derivatives(row: Callable[..., Any], axes: Any) -> tuple[Callable[..., Any], ...]:
     """Map a function of one row over all rows, with its first and second derivative in the last argument.
 
     The three functions are jitted, so that they are traced and compiled once however often a program calls
@@ -249,7 +245,6 @@ def _map_with_derivatives(row: Callable[..., Traced], axes: Any) -> tuple[Callab
 
 
 _load_values, _load_slopes, _load_hessians = _map_with_derivatives(_load_excess, (None, None, 0, 0))
-_lesser_values, _lesser_slopes, _ = _map_with_derivatives(_lesser_share, (None, None, 0, 0))
 _zone_values, _zone_slopes, _zone_hessians = _map_with_derivatives(_margin_shortfall, (None, 0, 0, 0))
 
 
@@ -268,8 +263,7 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         curved = ENERGY_WEIGHT * (curved / least - jnp.einsum("ka,lb->kalb", pull, pull))
     if len(loads.on):
         basis = loads.rows @ free
-        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
-        bend = _load_hessians(inputs, duration, loads, local)
+        bend, _ = _load_hessians(inputs, duration, loads, _local_curves(inputs, loads, c))
         own = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
         first = slice(own.shape[1])
         curved = curved.at[:, first, :, first].add(own)
@@ -277,24 +271,24 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         basis = zones.row @ free
         bend = _zone_hessians(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
-    jacobian = _row_slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
+    values, slopes, lesser = _rows_with_slopes(held, inputs, c, duration)
+    jacobian = slopes.reshape(len(y), x.size) * on[:, None]
     corner = jnp.diag(jnp.where(on, -_REGULARISATION, 1.0))
     at_time = jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
     if not held.free_time:
         return at_time
     falls = jnp.where(on, _duration_powers(held, inputs), 0)
-    shares = falls * (_row_values(held, inputs, c, duration) + 1)
+    shares = falls * (values + 1)
     _, (corner, of_c) = jax.jvp(
         lambda time: _log_energy_slopes(held, inputs, c, time), (z[-1],), (jnp.ones_like(z[-1]),)
     )
     beside = (free.T @ of_c).ravel() - jnp.tensordot(y * falls, jacobian, axes=1)
     corner = corner + jnp.sum(y * falls * shares)
-    lesser = _lesser_terms(held, inputs, c, duration)
     if lesser is not None:
-        own, slow, bent = lesser
-        beside = beside + jnp.tensordot(y[own], bent, axes=1)
+        rows, (slow, bent) = _load_rows(held), lesser
+        beside = beside + jnp.tensordot(y[rows], bent, axes=1)
         # p^2 (whole - slow) + (p - 1)^2 slow
-        corner = corner + jnp.sum(y[own] * (1 - 2 * falls[own]) * slow)
-        shares = shares.at[own].add(-slow)
+        corner = corner + jnp.sum(y[rows] * (1 - 2 * falls[rows]) * slow)
+        shares = shares.at[rows].add(-slow)
     by_time = jnp.concatenate([beside, -shares, corner[None]])
     return jnp.block([[at_time, by_time[:-1, None]], [by_time[None]]])  # symmetric, as of a gradient
