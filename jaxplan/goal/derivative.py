@@ -287,31 +287,30 @@ def _kkt_residual(own: _Conditions, z: Array) -> Array:
 
     ``z`` is the turn (3,) rad from the goal found, then the multipliers (3,).
     """
-    turn = turned(own.turn, z[:3, None])
-    _, eta, _ = angle_terms(turn)
-    _, depth, slope = cap_terms(turn, *own.caps)
-    push = slope[:, :, 0] @ jnp.where(own.used, z[3:], 0)
-    return jnp.concatenate([eta[:, 0] + push, jnp.where(own.used, depth[:, 0], z[3:])])
+    residual, _ = _linearised_kkt(own, z)
+    return residual
 
 
-def _kkt_inverse(own: _Conditions, z: Array) -> Array:
-    """Return the pseudoinverse (6, 6) of the derivative of `_kkt_residual` by ``z``.
+def _linearised_kkt(own: _Conditions, z: Array) -> tuple[Array, Array]:
+    """Return the residual (6,) at ``z``, and the pseudoinverse (6, 6) of its derivative by ``z``.
 
-    It is zero along directions that are not determined, as where nearby attitudes are equally good.
+    The latter is zero along directions that are not determined, as where nearby attitudes are equally good.
     """
     turn = turned(own.turn, z[:3, None])
-    _, _, hessian = angle_terms(turn)
+    _, eta, hessian = angle_terms(turn)
     body, depth, slope = cap_terms(turn, *own.caps)
+    push = slope[:, :, 0] @ jnp.where(own.used, z[3:], 0)
+    residual = jnp.concatenate([eta[:, 0] + push, jnp.where(own.used, depth[:, 0], z[3:])])
     active = Active(number=jnp.where(own.used, np.arange(3), -1)[:, None], multiplier=z[3:, None])
     curved, normals, _ = active_terms(active, own.caps.axis, body, depth, slope)
     normal, free = normals[:, :, 0], jnp.diag(jnp.where(own.used, 0, jnp.ones_like(z[3:])))
     derivative = jnp.block([[(hessian + curved)[:, :, 0], normal], [normal.T, free]])
     decided = float(jnp.finfo(derivative.dtype).eps) ** (2 / 3)
-    return jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
+    return residual, jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
 
 
 _FIRST_ORDER = Equations(
-    residual=_kkt_residual, factor=_kkt_inverse, solve=jnp.matmul, steps=1, tolerance=0.0
+    residual=_kkt_residual, linearise=_linearised_kkt, solve=jnp.matmul, steps=1, tolerance=0.0
 )
 _SECOND_ORDER = replace(_FIRST_ORDER, again=True)
 
@@ -361,7 +360,7 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
         put = missing & (number[slot] < 0)
         number = jnp.where(put & (np.arange(4) == slot), upper, number)
     own = conditions._replace(number=number)
-    root = implicit_root(_KKT_EQUATIONS, own, jnp.concatenate([guess, multiplier]))
+    root = implicit_root(_LEAST_TIME, own, jnp.concatenate([guess, multiplier]))
     return turned(conditions.turn, root[:3, None])
 
 
@@ -407,15 +406,21 @@ def _least_time_residual(own: Conditions, z: Array) -> Array:
     return jnp.concatenate([slope, jnp.where(used, depth, z[4:])])
 
 
-def _least_time_inverse(own: Conditions, z: Array) -> Array:
-    """Return the pseudoinverse (8, 8) of the derivative of `_least_time_residual` by ``z``.
+def _linearised_least_time(own: Conditions, z: Array) -> tuple[Array, Array]:
+    """Return `_least_time_residual` (8,) at ``z``, and the pseudoinverse (8, 8) of its derivative by ``z``.
 
-    It is zero along directions that are not determined.
+    The latter is zero along directions that are not determined.
     """
-    derivative: Any = jax.jacfwd(lambda z: _least_time_residual(own, z))(z)
-    return jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
+
+    def residual(z: Array) -> tuple[Array, Array]:
+        found = _least_time_residual(own, z)
+        return found, found
+
+    found: Any = jax.jacfwd(residual, has_aux=True)(z)
+    derivative, value = found
+    return value, jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
 
 
-_KKT_EQUATIONS = Equations(
-    residual=_least_time_residual, factor=_least_time_inverse, solve=jnp.matmul, steps=1, tolerance=0.0
+_LEAST_TIME = Equations(
+    residual=_least_time_residual, linearise=_linearised_least_time, solve=jnp.matmul, steps=1, tolerance=0.0
 )

@@ -101,19 +101,19 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
 class Equations:
     """Equations ``F(z; inputs) = 0`` for n unknowns z, and how to solve them.
 
-    `residual` and `factor` take (inputs, z). The object is hashed by its functions, so make it only once.
+    `residual` and `linearise` take (inputs, z). The object is hashed by its functions, so make it only once.
 
     Attributes:
-        residual: computes ``F`` (n,).
-        factor: factorises ``K`` at a root or near it; returns a pytree of arrays.
+        residual: computes ``F`` (n,), to be differentiated in the inputs.
+        linearise: computes ``F`` (n,) and factors of ``K`` near a root, a pytree of arrays.
         solve: from such factors and a vector ``v`` (n,) computes ``K^-1 v``.
         steps: the most steps of Newton's method before the last one.
-        tolerance: once all components of the residual are within it, the next step is the last.
+        tolerance: if all components of the residual are within it, the step from there is the last.
         again: whether derivatives may be differentiated again; if not, that raises an error.
     """
 
     residual: Callable[[Any, Array], Array]
-    factor: Callable[[Any, Array], Any]
+    linearise: Callable[[Any, Array], tuple[Array, Any]]
     solve: Callable[[Any, Array], Array]
     steps: int
     tolerance: float
@@ -136,21 +136,19 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _root_and_factors(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
-    """Return the root (n,), and the factors of the step before the last; arguments as `implicit_root`."""
+    """Return the root (n,), and the factors of the last step; arguments as `implicit_root`."""
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
-        count, near, _, z, factors = at
-        last = near | (count == equations.steps)
-        left = equations.residual(inputs, z)
-        # The factors of the last step are those of the step before, which at the root are the same.
-        own = jax.lax.cond(last, lambda: factors, lambda: equations.factor(inputs, z))
-        near = jnp.all(jnp.abs(left) <= equations.tolerance)
-        return count + 1, near, last, z - equations.solve(own, left), own
+        count, _, z, _ = at
+        left, factors = equations.linearise(inputs, z)
+        last = jnp.all(jnp.abs(left) <= equations.tolerance) | (count == equations.steps)
+        return count + 1, last, z - equations.solve(factors, left), factors
 
-    shapes = jax.eval_shape(equations.factor, inputs, guess)
+    _, shapes = jax.eval_shape(equations.linearise, inputs, guess)
     none = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
-    start = jnp.array(0), jnp.array(False), jnp.array(False), guess, none
-    *_, z, factors = jax.lax.while_loop(lambda at: ~at[2], ahead, start)
+    *_, z, factors = jax.lax.while_loop(
+        lambda at: ~at[1], ahead, (jnp.array(0), jnp.array(False), guess, none)
+    )
     return z, factors
 
 
@@ -165,7 +163,7 @@ def _root_tangents(
     z, factors = _root_and_factors(equations, *primals)
     inputs = primals[0]
     if equations.again:
-        own = equations.factor(inputs, z)
+        _, own = equations.linearise(inputs, z)
     else:  # factors are constants, and so is what follows from them
         inputs, own = _first_derivatives_only(inputs), factors
     _, left = jax.jvp(lambda inputs: equations.residual(inputs, z), (inputs,), (tangents[0],))

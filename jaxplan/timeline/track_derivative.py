@@ -20,7 +20,7 @@ Shapes: K + 1 nodes, J joints, f free joints, k devices with targets, m equation
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -314,13 +314,24 @@ def _gradient(track: Track, z: Array) -> Array:
     return jax.grad(energy)(z)
 
 
-def _factors(track: Track, z: Array) -> Any:
-    """LU factors of the derivative of `_gradient`."""
-    return jax.scipy.linalg.lu_factor(jax.jacfwd(partial(_gradient, track))(z))
+def _linearised(track: Track, z: Array) -> tuple[Array, Any]:
+    """`_gradient` at ``z``, and the LU factors of its derivative."""
+
+    def gradient(z: Array) -> tuple[Array, Array]:
+        found = _gradient(track, z)
+        return found, found
+
+    found: Any = jax.jacfwd(gradient, has_aux=True)(z)
+    matrix, value = found
+    return value, jax.scipy.linalg.lu_factor(matrix)
 
 
 _OPTIMALITY = Equations(
-    residual=_gradient, factor=_factors, solve=jax.scipy.linalg.lu_solve, steps=_NEWTON_STEPS, tolerance=1e-13
+    residual=_gradient,
+    linearise=_linearised,
+    solve=jax.scipy.linalg.lu_solve,
+    steps=_NEWTON_STEPS,
+    tolerance=1e-13,
 )
 
 

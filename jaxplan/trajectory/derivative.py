@@ -35,7 +35,7 @@ from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
-from jaxplan.trajectory.optimality import curve_of, flat, matrix, residual
+from jaxplan.trajectory.optimality import conditions, curve_of, flat, residual
 from jaxplan.trajectory.problem import tube_radius, wanted_margins
 from jaxplan.trajectory.splines import SMOOTHNESS
 
@@ -224,14 +224,15 @@ def _residual(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
     return residual(*own, z)
 
 
-def _lu_factors(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
-    """LU factors of `matrix`, the derivative of the equations in ``z``."""
-    return lu_factor(matrix(*own, z))
+def _linearised(own: tuple[ActiveSet, FitInputs], z: Traced) -> tuple[Traced, Any]:
+    """Evaluate `residual` at ``z``, with the LU factors of its derivative in ``z``."""
+    left, matrix = conditions(*own, z)
+    return left, lu_factor(matrix)
 
 
 _OPTIMALITY_EQUATIONS = Equations(
     residual=_residual,
-    factor=_lu_factors,
+    linearise=_linearised,
     solve=lu_solve,
     steps=_MAX_NEWTON_STEPS,
     tolerance=_RESIDUAL_TOLERANCE,

@@ -17,7 +17,7 @@ rows are padded to a few sizes; a row that is padding has no effect.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,9 +38,8 @@ _REGULARISATION = 1e-13  # subtracted from the diagonal of binding rows, which m
 
 @partial(quick_jit, level=1)
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """Return the conditions ``F`` and their derivative in ``z``, see `residual` and `matrix`."""
-    z = jnp.asarray(z)
-    return residual(held, inputs, z), matrix(held, inputs, z)
+    """Return the conditions ``F`` and their derivative in ``z``, see `conditions`."""
+    return conditions(held, inputs, jnp.asarray(z))
 
 
 @quick_jit
@@ -84,9 +83,13 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
 
     The entry of a row that is padding is that row's multiplier, so that it is zero at the root.
     """
-    x, y, duration = _split_unknowns(held, inputs, z)
-    c, on = held.free @ x + offset_of(held, inputs, duration), _row_mask(held)
-    values, slopes, lesser = _rows_with_slopes(held, inputs, c, duration)
+    return _residual(held, inputs, z, _rows_at(held, inputs, z))
+
+
+def _residual(held: ActiveSet, inputs: FitInputs, z: Traced, rows: "_Rows") -> Traced:
+    """Do the same as `residual` where the rows at ``z`` are known."""
+    _, y, duration = _split_unknowns(held, inputs, z)
+    on, (c, values, slopes, lesser) = _row_mask(held), rows
     if held.free_time:
         by_time, gradient = _log_energy_slopes(held, inputs, c, z[-1])
     else:
@@ -142,18 +145,30 @@ def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
     return jnp.einsum("rd,rdn->rn", powers, linear.rows)
 
 
-def _rows_with_slopes(
-    held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced
-) -> tuple[Traced, Traced, tuple[Traced, Traced] | None]:
-    """Evaluate all rows, with their derivatives in the k free coefficients of each axis.
+class _Rows(NamedTuple):
+    """All rows at some ``z``, with their derivatives in the k free coefficients of each axis.
 
-    Returns:
-        The excess (R,) of each row over its bound, negative if kept: a fraction of the bound; rad for
-        margins. Its derivatives (R, k, A). Of the loads' rows the lesser parts (one each, zero for padding)
-        and their derivatives (one row each, k A columns); None where no load has a lesser part. A lesser part
-        falls by one power of the duration less than the rest of its load.
+    Attributes:
+        coefficients: (n, A) of the curve there, ``c``.
+        values: (R,) excess of each row over its bound, negative if kept: a fraction of the bound; rad for
+            margins.
+        slopes: (R, k, A) its derivatives.
+        lesser: the lesser parts of the loads' rows (one each, zero for padding), which fall by one power of
+            the duration less than the rest of their loads, and the derivatives of these (one row each, k A
+            columns); None where no load has a lesser part.
     """
-    linear, loads, zones, axes = held.linear, held.loads, held.zones, c.shape[1]
+
+    coefficients: Traced
+    values: Traced
+    slopes: Traced
+    lesser: tuple[Traced, Traced] | None
+
+
+def _rows_at(held: ActiveSet, inputs: FitInputs, z: Traced) -> _Rows:
+    """Evaluate all rows with their derivatives."""
+    x, _, duration = _split_unknowns(held, inputs, z)
+    c, axes = held.free @ x + offset_of(held, inputs, duration), x.shape[1]
+    linear, loads, zones = held.linear, held.loads, held.zones
     factors, own_rows, lesser = _linear_factors(held, inputs, duration), _linear_rows(held, inputs), None
     value = jnp.einsum("rn,nr->r", own_rows, c[:, linear.axis])
     of_node = inputs.nodes[linear.node, linear.axis]
@@ -178,7 +193,7 @@ def _rows_with_slopes(
         values.append(_zone_values(inputs, zones, chart, zones.row @ c))
         slope = _zone_slopes(inputs, zones, chart, zones.row @ c)
         slopes.append(jnp.einsum("rk,ra->rka", zones.row @ held.free, slope))
-    return jnp.concatenate(values), jnp.concatenate(slopes), lesser
+    return _Rows(c, jnp.concatenate(values), jnp.concatenate(slopes), lesser)
 
 
 def _local_curves(inputs: FitInputs, loads: BindingLoads, c: Traced) -> Traced:
@@ -248,10 +263,16 @@ _load_values, _load_slopes, _load_hessians = _map_with_derivatives(_load_excess,
 _zone_values, _zone_slopes, _zone_hessians = _map_with_derivatives(_margin_shortfall, (None, 0, 0, 0))
 
 
-def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
-    """Derivative of `residual` in ``z``, a symmetric matrix assembled from blocks at the binding rows."""
+def conditions(held: ActiveSet, inputs: FitInputs, z: Traced) -> tuple[Traced, Traced]:
+    """Evaluate the conditions ``F`` at ``z``, with their derivative in ``z``, which is a symmetric matrix."""
+    rows = _rows_at(held, inputs, z)
+    return _residual(held, inputs, z, rows), _matrix(held, inputs, z, rows)
+
+
+def _matrix(held: ActiveSet, inputs: FitInputs, z: Traced, rows: "_Rows") -> Traced:
+    """Derivative of `residual` in ``z``, assembled from blocks at the binding rows."""
     x, y, duration = _split_unknowns(held, inputs, z)
-    c, free, on = held.free @ x + offset_of(held, inputs, duration), held.free, _row_mask(held)
+    free, on, (c, values, slopes, lesser) = held.free, _row_mask(held), rows
     loads, zones = held.loads, held.zones
     counts = np.cumsum([len(held.linear.on), len(loads.on)])
     _, of_loads, of_zones = jnp.split(jnp.where(on, y, 0), counts)
@@ -264,14 +285,13 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     if len(loads.on):
         basis = loads.rows @ free
         bend, _ = _load_hessians(inputs, duration, loads, _local_curves(inputs, loads, c))
-        own = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
-        first = slice(own.shape[1])
-        curved = curved.at[:, first, :, first].add(own)
+        bent = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
+        first = slice(bent.shape[1])
+        curved = curved.at[:, first, :, first].add(bent)
     if len(zones.on):
         basis = zones.row @ free
         bend = _zone_hessians(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
-    values, slopes, lesser = _rows_with_slopes(held, inputs, c, duration)
     jacobian = slopes.reshape(len(y), x.size) * on[:, None]
     corner = jnp.diag(jnp.where(on, -_REGULARISATION, 1.0))
     at_time = jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
@@ -285,10 +305,10 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     beside = (free.T @ of_c).ravel() - jnp.tensordot(y * falls, jacobian, axes=1)
     corner = corner + jnp.sum(y * falls * shares)
     if lesser is not None:
-        rows, (slow, bent) = _load_rows(held), lesser
-        beside = beside + jnp.tensordot(y[rows], bent, axes=1)
+        own, (slow, bent) = _load_rows(held), lesser
+        beside = beside + jnp.tensordot(y[own], bent, axes=1)
         # p^2 (whole - slow) + (p - 1)^2 slow
-        corner = corner + jnp.sum(y[rows] * (1 - 2 * falls[rows]) * slow)
-        shares = shares.at[rows].add(-slow)
+        corner = corner + jnp.sum(y[own] * (1 - 2 * falls[own]) * slow)
+        shares = shares.at[own].add(-slow)
     by_time = jnp.concatenate([beside, -shares, corner[None]])
     return jnp.block([[at_time, by_time[:-1, None]], [by_time[None]]])  # symmetric, as of a gradient
