@@ -11,11 +11,12 @@ from functools import partial
 
 import numpy as np
 
+from jaxplan.model.goals import GivenState
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.planner.moving import swept
-from jaxplan.planner.steps import find_goals, soonest_task
+from jaxplan.planner.steps import find_goals, soonest_task, tracking_task
 from jaxplan.runtime.jit import Task
 from jaxplan.search import Scene, make_scene
 from jaxplan.search.precompile import band_task, smoothing_tasks
@@ -54,15 +55,17 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
 def _tasks_for_one(scenario: Scenario, many: bool) -> list[Task]:
     """Return tasks for one scenario; `many` says whether plans are made many together, as of `every_task`.
 
-    The kernel that finds goals of least time takes the longest to compile, so it comes first. The search
-    needs the straight motion first; its other kernels take long, too, and are not needed where that motion
-    is clear. With a single scenario they wait for the goal of least rotation, see `further_tasks`.
+    The kernels of step 1 come first: the rates at goals that follow moving targets, and the search for goals
+    of least time, which takes the longest to compile. Step 2 needs the straight motion first; its other
+    kernels take long, too, and are not needed where that motion is clear. With a single scenario they wait
+    for the goal of least rotation, see `further_tasks`.
     """
     soonest = soonest_task(scenario, _typical_end(scenario))
+    tracking = tracking_task(scenario, _typical_end(scenario))
     fits = kernel_tasks(scenario.usable, scenario.trajectory)
     search = usual_search_of(scenario, many)
     later = [] if soonest and not many and not moves(scenario) else search[1:]
-    return [*([soonest] if soonest else []), *search[:1], *fits, *later]
+    return [*filter(None, (tracking, soonest)), *search[:1], *fits, *later]
 
 
 def further_tasks(scenario: Scenario, nearest: Goal) -> list[Task]:
@@ -112,6 +115,7 @@ def _kernel_key(scenario: Scenario) -> Hashable:
         rows.bound.shape, single, rows.inner, rows.nested,
         scenario.search.method, fit.method, fit.duration if isinstance(fit.duration, str) else "given",
         tuple(limit.quantity.name for limit in loads), len(craft.wheels), wheels, stages, moves(scenario),
+        not isinstance(scenario.asked, GivenState) and (scenario.asked.moves, scenario.asked.criterion),
     )  # fmt: skip
 
 

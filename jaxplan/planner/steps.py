@@ -119,6 +119,18 @@ def soonest_task(scenario: Scenario, time: float | None) -> Task | None:
     return partial(descend_once, *problem, start_joints=start.joints)
 
 
+def tracking_task(scenario: Scenario, time: float | None) -> Task | None:
+    """Return a task that compiles the rates at goals that follow moving targets; None where none are needed.
+
+    Arguments are those of `soonest_task`.
+    """
+    if time is None or not _tracks_by_least_rotation(scenario):
+        return None
+    start = scenario.start
+    goal = Goal(attitude=np.asarray(start.attitude), joints=np.asarray(start.joints), slew_angle=0.0)
+    return partial(_add_arrival_rates, scenario, goal, time)
+
+
 def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
     """Return goals at which the yaw or angle of one device is whole turns away, the nearest first.
 
@@ -223,11 +235,19 @@ def _add_arrival_rates(scenario: Scenario, goal: Goal, time: float) -> Goal:
     asked = scenario.asked
     if isinstance(asked, GivenState) or not asked.moves:
         rates = asked.angular_velocity, asked.joint_rates
-    elif asked.prefer or asked.criterion == LEAST_TIME:  # `tracking_rates` follows the least rotation alone
-        rates = least_rates(scenario.usable, asked, goal, asked.rates(time))
-    else:
+    elif _tracks_by_least_rotation(scenario):
         rates = tracking_rates(goal, **pursuit(scenario, asked, time))
+    else:
+        rates = least_rates(scenario.usable, asked, goal, asked.rates(time))
     return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])
+
+
+def _tracks_by_least_rotation(scenario: Scenario) -> bool:
+    """Tell whether goals follow targets that move, by the least rotation and without wishes."""
+    asked = scenario.asked
+    if isinstance(asked, GivenState) or not asked.moves:
+        return False
+    return not asked.prefer and asked.criterion != LEAST_TIME
 
 
 def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
