@@ -32,19 +32,21 @@ def scene(seed, duration):
     drawn = jp.random_scenario(seed, "keep_out")
     return replace(drawn, trajectory=replace(drawn.trajectory, duration=duration))
 """
-COMMAND = "import sys; sys.argv[1:] = {}; from jaxplan.cli import main; sys.exit(main())"
-JOBS = {  # a program each; DIR is a folder with a plan of case 2
-    "plan": "import jaxplan as jp; jp.plan(jp.paper_case(2), progress=False)",
-    "minimum": f"{SCENE}jp.plan(scene(0, 'minimum'), throw=False, progress=False)",
-    "gradient": """
+GRADIENT = """
 import jax
 import jaxplan as jp
-plan = jp.plan(jp.paper_case(2), progress=False)
+plan = jp.plan({}, progress=False)
 function = jp.differentiable(plan)
 with jax.enable_x64(True):
     slope = jax.grad(lambda scenario: jp.measures.effort(function(scenario)), allow_int=True)
     jax.block_until_ready(slope(plan.scenario))
-""",
+"""
+COMMAND = "import sys; sys.argv[1:] = {}; from jaxplan.cli import main; sys.exit(main())"
+JOBS = {  # a program each, run in the folder of the checkout; DIR is a folder with a plan of case 2
+    "plan": "import jaxplan as jp; jp.plan(jp.paper_case(2), progress=False)",
+    "minimum": f"{SCENE}jp.plan(scene(0, 'minimum'), throw=False, progress=False)",
+    "gradient": GRADIENT.format("jp.paper_case(2)"),
+    "gradient, wheels": GRADIENT.format('jp.load_scenario("docs/gallery/wheels.toml")'),
     "tune": f"""{SCENE}
 scenes = [scene(seed, 60.0) for seed in range(64)]
 jp.tune(scenes, "effort", over=["trajectory.duration_s"], steps=1, progress=False)
@@ -142,10 +144,10 @@ if __name__ == "__main__":
                         found[job, name] += [
                             run(root, home, JOBS[job], folder)[0] + run(root, home, JOBS[job], folder)[0]
                         ]
-        print(f"{'':<28}{'cold, s':>10}{'CPU':>8}{'cached, s':>12}{'CPU':>8}")
+        print(f"{'':<30}{'cold, s':>10}{'CPU':>8}{'cached, s':>12}{'CPU':>8}")
         for (job, name), runs in found.items():
             cold, cold_cpu, cached, cached_cpu = np.median(runs, axis=0)
-            print(f"{job:<16}{name:<12}{cold:>10.2f}{cold_cpu:>8.2f}{cached:>12.2f}{cached_cpu:>8.2f}")
+            print(f"{job:<18}{name:<12}{cold:>10.2f}{cold_cpu:>8.2f}{cached:>12.2f}{cached_cpu:>8.2f}")
         for job in options.jobs if options.kernels else ():
             for name, root in roots.items():
                 with tempfile.TemporaryDirectory() as home:
