@@ -13,7 +13,7 @@ package is quick.
 
 from typing import TYPE_CHECKING
 
-from jaxplan.runtime.lazy import late
+from jaxplan.runtime.lazy_imports import late
 from jaxplan.version import __version__ as __version__
 
 if TYPE_CHECKING:

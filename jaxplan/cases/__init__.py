@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from jaxplan.cases.paper import CASE_NAMES, TIMELINE_NAMES, case_path, example_timeline, paper_case
-from jaxplan.runtime.lazy import late
+from jaxplan.runtime.lazy_imports import late
 
 if TYPE_CHECKING:
     from jaxplan.cases.random_scenes import RANDOM_KINDS, SKY_KINDS, random_scenario

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 from jaxplan.runtime.progress import progress_bar
 
-DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
+DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3  # exit codes
 MARK = "jaxplan"  # software named in the PNG files written here; only files with it are ever removed
 
 

@@ -5,10 +5,11 @@ the satellite that terminal k of satellite s points at. The topologies made here
 terminal for B, B has one for A. The only exception is a star with three terminals after the switch: a
 satellite in an outer plane has nobody to pair with there, as there is no plane beyond.
 
-**Around a switch**, with three terminals a satellite is linked to its two neighbours in the plane, and to one
-satellite in a plane beside. Before the switch, even planes pair with those to their east and odd ones with
-those to their west; after it, the other way round. With four terminals a satellite is linked to the nearest
-satellites to the east and to the west; after the switch, to the second nearest ones.
+**Around a switch**, a single change of links, with three terminals a satellite is linked to its two
+neighbours in the plane, and to one satellite in a plane beside. Before the switch, even planes pair with
+those to their east and odd ones with those to their west; after it, the other way round. With four terminals
+a satellite is linked to the nearest satellites to the east and to the west; after the switch, to the second
+nearest ones.
 
 **Over time** the links are a mesh. A satellite's links in its plane always go to the same satellites, those
 directly ahead and behind. To either side it is linked to the nearest satellite of the plane beside, as long
@@ -43,8 +44,6 @@ CLEARANCE = math.radians(1.0)
 """rad between the Sun's cone and a link that is not out; a waiting terminal keeps it from both cones."""
 _RIM_POINTS = 721
 """Directions around the Sun's cone tried for a waiting terminal, half to either side of the nearest."""
-
-
 SIDES = FORE, AFT, RIGHT, LEFT = ("fore", "aft", "right", "left")
 NOBODY = -1
 """In the place of a satellite's number: no link."""

@@ -32,75 +32,13 @@ from jaxplan.trajectory.active_set import FitRecord, nearer_optima
 from jaxplan.trajectory.node_times import FEWEST_NODES, padded, passed_nodes
 from jaxplan.trajectory.sqp import NearOptimum
 
+A_PLAN = "jp.plan makes one of a scenario"
 _NEEDS_TIME = (
     "has targets or zones that move: derivatives and tuning then know given durations only: set "
     "trajectory.duration_s to a number (it has no slopes itself then), or hold what moves at an instant"
 )
 
-
-A_PLAN = "jp.plan makes one of a scenario"
-
 Tree = TypeVar("Tree")
-
-
-def expect_followable(scenario: Scenario) -> None:
-    """Raise a ValueError for a scenario none of whose plans can have derivatives.
-
-    Reasons that depend on the plan itself are found by `hold`.
-    """
-    asked = scenario.asked
-    targets = asked if isinstance(asked, Targets) else None
-    end = () if targets is not None and targets.moves else rates_at(scenario, asked)
-    reasons = reasons_of_scenario(scenario, end)
-    if targets is not None and targets.criterion == LEAST_TIME and (targets.moves or targets.prefer):
-        reasons.append(least_time_doubt(targets))
-    refuse(scenario.name, reasons)
-
-
-def reasons_of_scenario(scenario: Scenario, end: Sequence[Any]) -> list[str]:
-    """Return the reasons why plans of a scenario have no derivatives, as far as the scenario alone tells.
-
-    `end` holds the angular velocity (3,) and joint rates (J,) rad/s at the goal.
-    """
-    if needs_time(scenario):
-        return [f"its scene {_NEEDS_TIME}"]
-    ends = (*rates_at(scenario, scenario.start), *end)
-    if not scenario.trajectory.timed and any(np.any(rate) for rate in ends):
-        return ["it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"]
-    return []
-
-
-def refuse(name: str, reasons: Sequence[str]) -> None:
-    """Raise a ValueError that lists the reasons why a plan has no derivatives, unless there are none."""
-    if len(reasons) == 1:
-        raise ValueError(f"the plan of {name} has no derivatives: {reasons[0]}")
-    if reasons:
-        numbered = "\n".join(f"  {number}. {reason}" for number, reason in enumerate(reasons, 1))
-        raise ValueError(
-            f"the plan of {name} has no derivatives, for {len(reasons)} reasons:\n{numbered}\n"
-            "A goal that is given as a state, plan.goal.state, and a trajectory.duration_s some per cent "
-            "above that of the plan do without all of them"
-        )
-
-
-def needs_time(scenario: Scenario) -> bool:
-    """Tell whether a target or zone moves and no duration is given; the duration then depends on the goal."""
-    return moves(scenario) and not scenario.trajectory.timed
-
-
-def expect_known_time(scenario: Scenario) -> None:
-    """Raise a ValueError where a target or zone moves and no duration is given."""
-    if needs_time(scenario):
-        raise ValueError(f"{scenario.name} {_NEEDS_TIME}")
-
-
-def rates_at(scenario: Scenario, end: Any) -> tuple[Any, Any]:
-    """Return the angular velocity (3,) and joint rates (J,) rad/s of a start or goal, with zeros for None."""
-    given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)
-    velocity, rates = (
-        np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
-    )
-    return velocity, rates
 
 
 @shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")
@@ -120,7 +58,8 @@ class Held:
         last: number of the last node before the padding.
         leads: which nodes move with the start and the goal, and how.
         fit: the choices that the fit of step 3 made, as its method holds them.
-        trajectory: that of the fit; only the shapes of its arrays count, which are those of `replan`.
+        trajectory: that of the fit; only the shapes of its arrays count, which are those of
+            `jaxplan.derivatives.replan`.
         turns: for each mask of the spacecraft, by which numbers of whole turns of the yaw it is repeated
             within the yaw's range.
         criterion: the criterion of which the goal is an optimum; None for a goal given as a state. It may be
@@ -174,8 +113,8 @@ def hold_each(
     Args:
         plans: the plans to hold.
         nodes: the smallest number of nodes after padding, as in `hold`.
-        known: a fit of each plan, as `plan_with_fits` returns them, where None stands for one still to be
-            made; None to make all.
+        known: a fit of each plan, as `jaxplan.planner.entry_points.plan_with_fits` returns them, where
+            None stands for one still to be made; None to make all.
     """
     clear_if_full()
     with one_thread():
@@ -268,3 +207,63 @@ def own_arrays(tree: Tree) -> Tree:
     """
     copied: Tree = jax.tree.map(lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, tree)
     return copied
+
+
+def expect_followable(scenario: Scenario) -> None:
+    """Raise a ValueError for a scenario none of whose plans can have derivatives.
+
+    Reasons that depend on the plan itself are found by `hold`.
+    """
+    asked = scenario.asked
+    targets = asked if isinstance(asked, Targets) else None
+    end = () if targets is not None and targets.moves else rates_at(scenario, asked)
+    reasons = reasons_of_scenario(scenario, end)
+    if targets is not None and targets.criterion == LEAST_TIME and (targets.moves or targets.prefer):
+        reasons.append(least_time_doubt(targets))
+    refuse(scenario.name, reasons)
+
+
+def reasons_of_scenario(scenario: Scenario, end: Sequence[Any]) -> list[str]:
+    """Return the reasons why plans of a scenario have no derivatives, as far as the scenario alone tells.
+
+    `end` holds the angular velocity (3,) and joint rates (J,) rad/s at the goal.
+    """
+    if needs_time(scenario):
+        return [f"its scene {_NEEDS_TIME}"]
+    ends = (*rates_at(scenario, scenario.start), *end)
+    if not scenario.trajectory.timed and any(np.any(rate) for rate in ends):
+        return ["it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"]
+    return []
+
+
+def refuse(name: str, reasons: Sequence[str]) -> None:
+    """Raise a ValueError that lists the reasons why a plan has no derivatives, unless there are none."""
+    if len(reasons) == 1:
+        raise ValueError(f"the plan of {name} has no derivatives: {reasons[0]}")
+    if reasons:
+        numbered = "\n".join(f"  {number}. {reason}" for number, reason in enumerate(reasons, 1))
+        raise ValueError(
+            f"the plan of {name} has no derivatives, for {len(reasons)} reasons:\n{numbered}\n"
+            "A goal that is given as a state, plan.goal.state, and a trajectory.duration_s some per cent "
+            "above that of the plan do without all of them"
+        )
+
+
+def needs_time(scenario: Scenario) -> bool:
+    """Tell whether a target or zone moves and no duration is given; the duration then depends on the goal."""
+    return moves(scenario) and not scenario.trajectory.timed
+
+
+def expect_known_time(scenario: Scenario) -> None:
+    """Raise a ValueError where a target or zone moves and no duration is given."""
+    if needs_time(scenario):
+        raise ValueError(f"{scenario.name} {_NEEDS_TIME}")
+
+
+def rates_at(scenario: Scenario, end: Any) -> tuple[Any, Any]:
+    """Return the angular velocity (3,) and joint rates (J,) rad/s of a start or goal, with zeros for None."""
+    given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)
+    velocity, rates = (
+        np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
+    )
+    return velocity, rates

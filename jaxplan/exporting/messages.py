@@ -1,7 +1,8 @@
-"""Writers of formats that are text: CCSDS Attitude Ephemeris Messages (AEM) and the files of STK.
+"""Writers of two formats that are text: CCSDS Attitude Ephemeris Messages (AEM), and the files of STK.
 
 An AEM 2.0 (504.0-B-2) is written as keywords, with a segment for each activity. For STK there are an attitude
-file of the platform, sensor files of devices with joints, and an interval list.
+file of the platform, sensor files of devices with joints, and an interval list. Other formats share
+`table_lines` and `plain`.
 """
 
 import re
@@ -20,11 +21,7 @@ from jaxplan.model.epochs import utc_texts
 from jaxplan.tables.devices import sensor_files
 
 _NUMBER_FORMAT = "% .15e"  # 16 digits, as many as CCSDS allows and a double has
-
-
 _DEFAULT_BODY_FRAME = "SC_BODY_1"  # name of the body's frame where the user gives none
-
-
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _AXES_BY_FRAME = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of the inertial frames
 

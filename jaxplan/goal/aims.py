@@ -32,8 +32,6 @@ from jaxplan.model.spacecraft import Spacecraft
 
 AZIMUTH, ELEVATION = 0, 1
 _TOLERANCE_SHARE = 0.5  # share of the tolerance that either angle of an equation may take
-
-
 _NAMED_EXCESS_SHARE = 0.5  # devices off by this share of the worst excess or more are named, too
 
 
@@ -268,7 +266,7 @@ def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
     Args:
         craft: with the devices.
         asked: their targets, at an instant.
-        excesses: (n, 2) rad, `Decomposition.aim_excesses` of the n devices with targets.
+        excesses: (n, 2) rad, `jaxplan.goal.Decomposition.aim_excesses` of the n devices with targets.
     """
     told: dict[str, str] = {}
     gimbals, ranges = craft.gimbals, goal_ranges(craft, asked)

@@ -1,10 +1,10 @@
-"""Derivatives of a goal of step 1 by its problem: those of the optimum of problem (7), or of least time.
+"""Derivatives of a goal of step 1 by its problem: the optimum of problem (7) or of least time.
 
-Every choice is held fixed: which local minimum the goal is, and which limits and zones are active there. The
-rest is the implicit function theorem.
+Problem (7) of the paper asks for goals of least rotation. Every choice is held fixed: which local minimum
+the goal is, and which limits and zones are active there. The rest is the implicit function theorem.
 
 **Problem (7).** Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal found, and with the caps of
-`caps` and the terms of `descent`, the optimum is where
+`jaxplan.goal.caps` and the terms of `jaxplan.goal.descent`, the optimum is where
 
     eta + sum of m_i n_i = 0        n_i the gradient of the excess over cap i, m_i its multiplier
     excess_i = 0                    of all active caps, at most three
@@ -93,8 +93,9 @@ def differentiable_goal(
         cones: all constraints, for the devices of the spacecraft; axes of any length.
         start_joints: (J,) rad, joints of devices without a target, those of the goal by default; also where
             all joints start from for a goal of least time, zero by default.
-        moves: how devices without a target make way, from `free_devices.settled`, so that they follow what
-            they prefer and what is in their way; None where they stay as they are at the goal.
+        moves: how devices without a target make way, from `jaxplan.goal.free_devices.settled`, so that
+            they follow what they prefer and what is in their way; None where they stay as they are at the
+            goal.
         met: places in `targets.prefer` of the wishes that the goal meets, which then bind the attitude as
             targets do: an instrument's by two equations, a drive's by one and a range, a terminal's by
             ranges.
@@ -269,7 +270,7 @@ def _rest_joints(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -
 
 
 class _Conditions(NamedTuple):
-    """What the conditions of optimality depend on.
+    """What the conditions of optimality of problem (7) depend on.
 
     Attributes:
         turn: (4, 1) unit quaternion, scalar first, of the turn from the start to the goal found.
@@ -283,7 +284,7 @@ class _Conditions(NamedTuple):
 
 
 def _kkt_residual(own: _Conditions, z: Array) -> Array:
-    """Return the residual (6,) of the conditions of optimality.
+    """Return the residual (6,) of the conditions of optimality of problem (7).
 
     ``z`` is the turn (3,) rad from the goal found, then the multipliers (3,).
     """
@@ -392,7 +393,7 @@ def _objective(own: Conditions, at: Array) -> Array:
 
 
 def _least_time_residual(own: Conditions, z: Array) -> Array:
-    """Return the residual (8,) of the conditions of optimality.
+    """Return the residual (8,) of the conditions of optimality of least time.
 
     ``z`` is the turn (3,) rad from the goal found, the time, and the multipliers (4,).
     """

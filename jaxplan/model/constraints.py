@@ -33,8 +33,8 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, max_along, 
 from jaxplan.model.directions import DirectionPath, Sights
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.runtime.batching import padded_count
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.lazy import made_once
 
 INERTIAL, BODY, SIGHT, JOINTS = range(4)
 """What the axis of a row belongs to: the inertial frame, the body, a sight, or none since it is of joints."""

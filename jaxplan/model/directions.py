@@ -31,8 +31,8 @@ from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.hidden_spans import UNNAMED, Hidden
 from jaxplan.runtime.arguments import floats
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.lazy import made_once
 
 # Largest distance of the spline's control points from the first sample of their interval. It keeps the spline
 # away from zero; a direction that turns farther between two samples is refused.

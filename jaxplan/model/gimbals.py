@@ -26,8 +26,8 @@ from jaxplan.geometry.vectors import (
     pointing,
     unit,
 )
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.lazy import made_once
 
 TURN = 2 * np.pi
 

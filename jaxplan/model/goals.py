@@ -20,8 +20,8 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.lazy import made_once
 
 LEAST_TIME, LEAST_ROTATION = "least_time", "least_rotation"
 CRITERIA = (LEAST_TIME, LEAST_ROTATION)

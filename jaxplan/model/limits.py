@@ -26,7 +26,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, norm
 from jaxplan.model.kinematics import Kinematics, time_factor
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import row_names
-from jaxplan.runtime.lazy import made_once
+from jaxplan.runtime.compute_once import made_once
 
 _AXIS_NAMES = ("x", "y", "z")
 _LENGTH_NAME = ("length",)

@@ -13,7 +13,7 @@ drives: all yaws, all pitches, all drives' angles.
 A motion is *straight* if platform and joints turn at constant rates. A search cuts such motions into edges of
 one step. So a node on the straight motion that leaves the start, or on the one that reaches the goal (a
 *lead*), was not chosen by itself: when that end moves, the node keeps its fraction of the motion. If the
-whole path is straight, this holds for every node. What moves nodes computes with numpy or JAX.
+whole path is straight, this holds for every node. `Leads`, which moves nodes, computes with numpy or JAX.
 """
 
 from dataclasses import dataclass

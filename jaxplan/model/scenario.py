@@ -25,8 +25,8 @@ from jaxplan.model.robust import Robust, usable
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import bound_by, tabulate
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, masks
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.lazy import made_once
 
 # Names of planners; `search.add_planner` adds to them.
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]

@@ -20,8 +20,8 @@ from jaxplan.model.gimbals import Gimbals, angles_toward, stacked
 from jaxplan.model.stages import Stages, matrix_of, stages_of
 from jaxplan.model.wheels import ALLOCATIONS, PSEUDO_INVERSE, Wheel, WheelArray, wheel_array
 from jaxplan.runtime.arguments import expect_numbers
+from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.lazy import made_once
 
 EachAxis: TypeAlias = float | np.ndarray
 """A number for every body axis, or (3,)."""

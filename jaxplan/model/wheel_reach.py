@@ -39,14 +39,12 @@ from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.quadratic import inverse_of, largest_size
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE, least_shares
-from jaxplan.runtime.lazy import made_once
+from jaxplan.runtime.compute_once import made_once
 
 _MAX_WHEELS_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are listed together
 _PLANAR_VOLUME = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding
 _PRECISE_VOLUME = 1e-6  # volume of three unit axes from which on what follows from them is precise
 _CORNER_TOLERANCE = 1e-6  # fraction of a range by which a corner may lie beyond it, for rounding
-
-
 _ORTHOGONALITY_TOLERANCE = 1e-9  # product of unit vectors below which they count as at right angles
 
 

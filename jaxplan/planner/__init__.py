@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from jaxplan.planner.files import PlanFileError, save_plan
 from jaxplan.planner.proving import certify, check_margins
 from jaxplan.planner.record import Plan, PlanningError, load_plan
-from jaxplan.runtime.lazy import late
+from jaxplan.runtime.lazy_imports import late
 
 if TYPE_CHECKING:
     from jaxplan.planner.entry_points import plan, plan_batch

@@ -28,10 +28,6 @@ from jaxplan.planner.nearest_goal import shorter_of, to_the_nearest
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.tube_room import with_advice
 
-_MAX_TRIES = 3  # durations to try; one in which there is no plan takes longer to compute
-_SHORT_ENOUGH_RATIO = 1.05  # times the longest duration known as too short, up to which it is short enough
-
-
 # Outcomes after which another goal, or another path, may give a plan in the same time.
 _PERHAPS_TOO_SHORT = (
     Status.LIMITS_TOO_TIGHT,
@@ -41,61 +37,8 @@ _PERHAPS_TOO_SHORT = (
 )
 _DURATION_SLACKS = (0.0, 1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
 """Shares of the shortest time that are added to it in turn, where rates at the ends forbid to scale it."""
-
-
-class Sooner:
-    """The search for a shorter plan to moving targets, once there is one.
-
-    Args:
-        plan: a certified plan of the shortest motion.
-        clock: counts the computation time of all attempts.
-
-    Attributes:
-        plan: the shortest certified plan so far.
-        attempts: those in the duration that is being tried; None at the end.
-    """
-
-    def __init__(self, plan: Plan, clock: Clock) -> None:
-        self.plan, self._clock = plan, clock
-        self._scenario, self._tries_left = plan.scenario, _MAX_TRIES
-        self._too_short_duration = float(plan.duration_bound or 0.0)  # s
-        self.attempts: Attempts | None = None
-        self._try_next_duration()
-
-    def advance(self, found: Plan) -> None:
-        """Take the plan with which the attempts ended, and begin attempts in the next duration."""
-        if found.ok and found.trajectory is not None:
-            self.plan = replace(found, scenario=self._scenario, message="")  # which is on a given duration
-        else:
-            self._too_short_duration = float(found.scenario.trajectory.duration)
-        self._try_next_duration()
-
-    def _try_next_duration(self) -> None:
-        """Begin attempts in the next duration.
-
-        `attempts` is None if the plan is short enough, or no tries or time are left.
-        """
-        self.attempts, trajectory = None, self.plan.trajectory
-        if trajectory is None or not self._tries_left or not self._clock.left():
-            return
-        if trajectory.duration <= _SHORT_ENOUGH_RATIO * self._too_short_duration:
-            return
-        self._tries_left -= 1
-        middle = (self._too_short_duration + trajectory.duration) / 2
-        settings = replace(self._scenario.trajectory, duration=middle)
-        self.attempts = Attempts(replace(self._scenario, trajectory=settings), self._clock)
-
-
-def may_be_sooner(scenario: Scenario, plan: Plan | None) -> bool:
-    """Tell whether to look for shorter motions than a plan's, which must be certified and to moving targets.
-
-    The duration must be "minimum", and `first_guesses` at least 1.
-    """
-    settings, goal = scenario.trajectory, scenario.goal
-    asked = settings.duration == MINIMUM and settings.first_guesses > 0
-    if not asked or isinstance(goal, GivenState) or not goal.moves:
-        return False
-    return plan is not None and plan.status is Status.OK and plan.duration_bound is not None
+_MAX_TRIES = 3  # durations to try; one in which there is no plan takes longer to compute
+_SHORT_ENOUGH_RATIO = 1.05  # times the longest duration known as too short, up to which it is short enough
 
 
 class InTime:
@@ -255,3 +198,58 @@ class InTime:
         """Answer that the duration is too short, and that there is a certified plan in `enough` s."""
         plan = self._first_attempts.result()
         self._answer = replace(plan, message=messages.too_short(plan, enough))
+
+
+class Sooner:
+    """The search for a shorter plan to moving targets, once there is one.
+
+    Args:
+        plan: a certified plan of the shortest motion.
+        clock: counts the computation time of all attempts.
+
+    Attributes:
+        plan: the shortest certified plan so far.
+        attempts: those in the duration that is being tried; None at the end.
+    """
+
+    def __init__(self, plan: Plan, clock: Clock) -> None:
+        self.plan, self._clock = plan, clock
+        self._scenario, self._tries_left = plan.scenario, _MAX_TRIES
+        self._too_short_duration = float(plan.duration_bound or 0.0)  # s
+        self.attempts: Attempts | None = None
+        self._try_next_duration()
+
+    def advance(self, found: Plan) -> None:
+        """Take the plan with which the attempts ended, and begin attempts in the next duration."""
+        if found.ok and found.trajectory is not None:
+            self.plan = replace(found, scenario=self._scenario, message="")  # which is on a given duration
+        else:
+            self._too_short_duration = float(found.scenario.trajectory.duration)
+        self._try_next_duration()
+
+    def _try_next_duration(self) -> None:
+        """Begin attempts in the next duration.
+
+        `attempts` is None if the plan is short enough, or no tries or time are left.
+        """
+        self.attempts, trajectory = None, self.plan.trajectory
+        if trajectory is None or not self._tries_left or not self._clock.left():
+            return
+        if trajectory.duration <= _SHORT_ENOUGH_RATIO * self._too_short_duration:
+            return
+        self._tries_left -= 1
+        middle = (self._too_short_duration + trajectory.duration) / 2
+        settings = replace(self._scenario.trajectory, duration=middle)
+        self.attempts = Attempts(replace(self._scenario, trajectory=settings), self._clock)
+
+
+def may_be_sooner(scenario: Scenario, plan: Plan | None) -> bool:
+    """Tell whether to look for shorter motions than a plan's, which must be certified and to moving targets.
+
+    The duration must be "minimum", and `first_guesses` at least 1.
+    """
+    settings, goal = scenario.trajectory, scenario.goal
+    asked = settings.duration == MINIMUM and settings.first_guesses > 0
+    if not asked or isinstance(goal, GivenState) or not goal.moves:
+        return False
+    return plan is not None and plan.status is Status.OK and plan.duration_bound is not None

@@ -3,7 +3,8 @@
 A *day* is the whole motion of a timeline, however long. The figures of a plan draw it as a `DayPlan`, made by
 `as_plan`, in the same way as a single manoeuvre. Slews of seconds lie between hours of other segments, so
 instants are shared out by segments: half of them evenly, half in proportion to duration. Slews get some more,
-so that their curves do not look like polygons. In some spans of time devices follow targets.
+so that their curves do not look like polygons. A `Following` is a span of time in which a device follows a
+target.
 """
 
 from collections.abc import Sequence
@@ -23,65 +24,6 @@ from jaxplan.timeline.record import PlannedActivity, TimelinePlan
 _INSTANTS_PER_DAY = 3072  # approximately, if a day has fewer segments than a quarter of this
 _MIN_PER_SEGMENT = 4  # instants of a segment at least
 _SLEW_INSTANTS, _MAX_PER_SLEW = 3072, 24  # instants shared out evenly among slews; most of one slew
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Following:
-    """A span of time in which one device follows a target for one activity.
-
-    Attributes:
-        planned: the activity as it is planned, with its times.
-        device: number of the device.
-        path: inertial direction of the target over time.
-        begin: s, when the device begins to follow it; may be before `start`, while the window is not yet
-            open.
-        tolerance: rad, largest pointing error that the activity allows.
-    """
-
-    planned: PlannedActivity
-    device: int
-    path: DirectionPath
-    begin: float
-    tolerance: float
-
-    @property
-    def start(self) -> float:
-        """When the activity begins, s from the timeline's start."""
-        assert self.planned.start is not None
-        return self.planned.start
-
-    @property
-    def end(self) -> float:
-        """When the activity ends, s from the timeline's start."""
-        assert self.planned.end is not None
-        return self.planned.end
-
-    @property
-    def name(self) -> str:
-        """Name of the target; empty where its path has none."""
-        return self.path.target
-
-
-def followings(plan: TimelinePlan) -> list[Following]:
-    """Return the spans in which devices follow targets, for planned activities in their order."""
-    asked = {activity.name: activity.targets for activity in plan.timeline.activities}
-    begins = {
-        segment.name: segment.start for segment in plan.segments if segment.kind not in ("slew", "idle")
-    }
-    craft = plan.timeline.scene.spacecraft
-    found = []
-    for planned in plan.activities:
-        targets = asked.get(planned.name)  # None for the rest after the last activity
-        if planned.start is None or planned.end is None or targets is None:
-            continue
-        begin = min(planned.start, begins.get(planned.name, planned.start))
-        for device, path in zip(targets.numbers(craft), targets.paths, strict=True):
-            found.append(
-                Following(
-                    planned=planned, device=device, path=path, begin=begin, tolerance=float(targets.tolerance)
-                )
-            )
-    return found
 
 
 @shown("status", "message", heading="Plan of {0.scenario.name}")
@@ -159,3 +101,62 @@ def instants(segments: Sequence[Segment]) -> np.ndarray:
         for segment, count in zip(segments, counts, strict=True)
     ]
     return np.unique(np.concatenate([*inner, [segments[-1].end]]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Following:
+    """A span of time in which one device follows a target for one activity.
+
+    Attributes:
+        planned: the activity as it is planned, with its times.
+        device: number of the device.
+        path: inertial direction of the target over time.
+        begin: s, when the device begins to follow it; may be before `start`, while the window is not yet
+            open.
+        tolerance: rad, largest pointing error that the activity allows.
+    """
+
+    planned: PlannedActivity
+    device: int
+    path: DirectionPath
+    begin: float
+    tolerance: float
+
+    @property
+    def start(self) -> float:
+        """When the activity begins, s from the timeline's start."""
+        assert self.planned.start is not None
+        return self.planned.start
+
+    @property
+    def end(self) -> float:
+        """When the activity ends, s from the timeline's start."""
+        assert self.planned.end is not None
+        return self.planned.end
+
+    @property
+    def name(self) -> str:
+        """Name of the target; empty where its path has none."""
+        return self.path.target
+
+
+def followings(plan: TimelinePlan) -> list[Following]:
+    """Return the spans in which devices follow targets, for planned activities in their order."""
+    asked = {activity.name: activity.targets for activity in plan.timeline.activities}
+    begins = {
+        segment.name: segment.start for segment in plan.segments if segment.kind not in ("slew", "idle")
+    }
+    craft = plan.timeline.scene.spacecraft
+    found = []
+    for planned in plan.activities:
+        targets = asked.get(planned.name)  # None for the rest after the last activity
+        if planned.start is None or planned.end is None or targets is None:
+            continue
+        begin = min(planned.start, begins.get(planned.name, planned.start))
+        for device, path in zip(targets.numbers(craft), targets.paths, strict=True):
+            found.append(
+                Following(
+                    planned=planned, device=device, path=path, begin=begin, tolerance=float(targets.tolerance)
+                )
+            )
+    return found

@@ -25,10 +25,7 @@ from jaxplan.runtime.arguments import expect_any
 from jaxplan.sky.frames import EARTH_RADIUS
 
 _ZENITH_UP_SIGNS = np.array([1.0, -1.0, -1.0])  # to turn the frame's axes to x ahead, y left, z to the zenith
-
 _LOW_ORBIT_RATE = 1.2e-3  # rad/s: rate at which the frame of a spacecraft in low orbit turns
-
-
 _EARTH: Look = {"facecolor": "#E3EDF5", "edgecolor": "#5B87A6", "linewidth": 1.0, "zorder": 0.6}
 _EARTH_ENTRY: Look = {
     "marker": "o",

@@ -60,11 +60,10 @@ from jaxplan.sky.frames import gcrs_to_earth
 from jaxplan.sky.ground import geodetic, surface_point
 from jaxplan.timeline.record import TimelinePlan
 
+# Files of outlines of land, for maps of the whole Earth and for those of a region.
 FILE, FINE = (Path(__file__).with_name(f"{name}.json") for name in ("coast", "coast_fine"))
 _UNITS = {FILE: 0.1, FINE: 0.01}  # deg: unit of the whole numbers in each file
 _MAP_EDGE, _FULL_TURN = 180.0, 360.0  # deg of longitude: right edge of a map, and a full turn
-
-
 GROUND_SIZE = (WIDTH, 4.4)  # inches
 _TRACK_LINE: Look = {"color": "black", "linewidth": 1.0, "zorder": 2.5}
 _START_MARK: Look = {"marker": "*", "markersize": 11, "linestyle": "none", "color": "black"}
@@ -82,45 +81,6 @@ _GROUND_HEIGHTS = (-10.0, 100.0)  # km: range of heights above the ellipsoid in 
 _MIN_PARALLAX = 1e-6  # least eigenvalue of the mean projection across them; below, they are nearly parallel
 _NIGHT_STEP = 0.5  # deg: step of the grid on which the night is computed
 _LETTER_WIDTH, _NAME_GAP = 0.075, 0.09  # inches: of a letter, at most; between a mark's middle and its name
-
-
-@cache
-def coasts(file: Path = FILE) -> tuple[np.ndarray, ...]:
-    """Return the coast lines of a file, (k, 2) longitude and latitude in deg, for a map from -180 to 180 deg.
-
-    Lines that cross an edge of the map are given at both edges; those parts have longitudes beyond 180 deg.
-    """
-    rings = json.loads(file.read_text(encoding="utf-8"))["rings"]
-    found = list[np.ndarray]()
-    for ring in rings:
-        line = _UNITS[file] * np.cumsum(np.reshape(ring, (-1, 2)), axis=0)
-        copies = (line + np.array([turn, 0.0]) for turn in (-_FULL_TURN, 0.0, _FULL_TURN))
-        found += [own for own in copies if np.min(own[:, 0]) < _MAP_EDGE and np.max(own[:, 0]) > -_MAP_EDGE]
-    return tuple(found)
-
-
-@cache
-def land(file: Path = FILE) -> tuple[np.ndarray, ...]:
-    """Return closed outlines of land as `coasts` does; Antarctica is closed along latitude -90 deg."""
-    return tuple(line if _is_closed(line) else _close_over_pole(line) for line in coasts(file))
-
-
-def within(lines: Iterable[np.ndarray], low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
-    """Return those of the lines (k, 2) whose bounding box meets a region between two corners (2,), deg."""
-    return [
-        line for line in lines if np.all(np.max(line, axis=0) >= low) and np.all(np.min(line, axis=0) <= high)
-    ]
-
-
-def _is_closed(line: np.ndarray) -> bool:
-    """Return whether a coast line (k, 2) is closed, as all but that of Antarctica are."""
-    return bool(np.allclose(line[0], line[-1]))
-
-
-def _close_over_pole(line: np.ndarray) -> np.ndarray:
-    """Close a line (k, 2) deg that goes once around the Earth by way of the south pole."""
-    corners = np.array([[line[-1, 0], -90.0], [line[0, 0], -90.0], line[0]])
-    return np.concatenate([line, corners])
 
 
 class _Site(NamedTuple):
@@ -218,6 +178,12 @@ def ground_track(
     if legend:
         legend_beside(axes, entries)
     return axes
+
+
+def has_tracks(plan: Plan | TimelinePlan, observer: sky.Satellite | None) -> bool:
+    """Return whether figures along the orbit can be drawn: orbit, epoch, trajectory and pyerfa are there."""
+    known = observer is not None and plan.trajectory is not None and plan.scenario.epoch is not None
+    return known and find_spec("erfa") is not None
 
 
 def _earth_fixed_positions(orbit: Orbital, times: np.ndarray, to_earth: np.ndarray) -> np.ndarray:
@@ -376,6 +342,18 @@ def _name_sites(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
         plain(axes.text(across, up, site.name, fontsize=SMALL, color=_SITE_MARK["color"], zorder=4.6, **own))
 
 
+def _format_utc(epoch: np.datetime64, time: float) -> str:
+    """Return the date and time in UTC, to a second, at a time in s after an epoch."""
+    instant = epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * time), "ms")
+    return str(np.datetime_as_string(instant, unit="s")).replace("T", " ")
+
+
+def _format_clock(epoch: np.datetime64, time: float) -> str:
+    """Return the time of day in UTC as `_format_utc` does, with the date if it differs from the epoch's."""
+    stamp, first = _format_utc(epoch, time), _format_utc(epoch, 0.0)
+    return stamp[11:] if stamp[:10] == first[:10] else stamp
+
+
 def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
     """Fill where the Sun's centre is below the horizon at a time, s; returns whether that is anywhere."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
@@ -391,19 +369,40 @@ def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
     return bool(np.any(height < 0))
 
 
-def has_tracks(plan: Plan | TimelinePlan, observer: sky.Satellite | None) -> bool:
-    """Return whether figures along the orbit can be drawn: orbit, epoch, trajectory and pyerfa are there."""
-    known = observer is not None and plan.trajectory is not None and plan.scenario.epoch is not None
-    return known and find_spec("erfa") is not None
+@cache
+def coasts(file: Path = FILE) -> tuple[np.ndarray, ...]:
+    """Return the coast lines of a file, (k, 2) longitude and latitude in deg, for a map from -180 to 180 deg.
+
+    Lines that cross an edge of the map are given at both edges; those parts have longitudes beyond 180 deg.
+    """
+    rings = json.loads(file.read_text(encoding="utf-8"))["rings"]
+    found = list[np.ndarray]()
+    for ring in rings:
+        line = _UNITS[file] * np.cumsum(np.reshape(ring, (-1, 2)), axis=0)
+        copies = (line + np.array([turn, 0.0]) for turn in (-_FULL_TURN, 0.0, _FULL_TURN))
+        found += [own for own in copies if np.min(own[:, 0]) < _MAP_EDGE and np.max(own[:, 0]) > -_MAP_EDGE]
+    return tuple(found)
 
 
-def _format_utc(epoch: np.datetime64, time: float) -> str:
-    """Return the date and time in UTC, to a second, at a time in s after an epoch."""
-    instant = epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * time), "ms")
-    return str(np.datetime_as_string(instant, unit="s")).replace("T", " ")
+@cache
+def land(file: Path = FILE) -> tuple[np.ndarray, ...]:
+    """Return closed outlines of land as `coasts` does; Antarctica is closed along latitude -90 deg."""
+    return tuple(line if _is_closed(line) else _close_over_pole(line) for line in coasts(file))
 
 
-def _format_clock(epoch: np.datetime64, time: float) -> str:
-    """Return the time of day in UTC as `_format_utc` does, with the date if it differs from the epoch's."""
-    stamp, first = _format_utc(epoch, time), _format_utc(epoch, 0.0)
-    return stamp[11:] if stamp[:10] == first[:10] else stamp
+def within(lines: Iterable[np.ndarray], low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
+    """Return those of the lines (k, 2) whose bounding box meets a region between two corners (2,), deg."""
+    return [
+        line for line in lines if np.all(np.max(line, axis=0) >= low) and np.all(np.min(line, axis=0) <= high)
+    ]
+
+
+def _is_closed(line: np.ndarray) -> bool:
+    """Return whether a coast line (k, 2) is closed, as all but that of Antarctica are."""
+    return bool(np.allclose(line[0], line[-1]))
+
+
+def _close_over_pole(line: np.ndarray) -> np.ndarray:
+    """Close a line (k, 2) deg that goes once around the Earth by way of the south pole."""
+    corners = np.array([[line[-1, 0], -90.0], [line[0, 0], -90.0], line[0]])
+    return np.concatenate([line, corners])

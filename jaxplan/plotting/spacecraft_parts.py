@@ -36,7 +36,7 @@ COLOUR = "0.25"  # of wheels; no device has this grey
 FILL = (COLOUR, 0.30)  # colour and opacity of what a ring encloses
 SPIN = 0.19  # length of the arrow along a wheel's axis
 _HUB_DISTANCE, _RING_RADIUS = 0.36, 0.13  # a hub is so far from the middle of the platform
-_SIDE_STEP, _MIN_HUB_DISTANCE = 2.4, 1.5  # radii: from a place to those beside it; least distance of two hubs
+_HUB_STEP, _MIN_HUB_DISTANCE = 2.4, 1.5  # radii: from a place to those beside it; least distance of two hubs
 
 
 _CELL_WIDTH = np.deg2rad(5.0)  # rad: approximate width of the cells that surfaces are made of
@@ -102,7 +102,7 @@ def hubs(wheels: Sequence[Wheel]) -> list[np.ndarray]:
     for wheel in wheels:
         axis = np.asarray(wheel.axis, float)
         away = [
-            side * _SIDE_STEP * _RING_RADIUS * way for way in _perpendicular_pair(axis) for side in (1, -1)
+            side * _HUB_STEP * _RING_RADIUS * way for way in _perpendicular_pair(axis) for side in (1, -1)
         ]
         places = [_HUB_DISTANCE * axis, -_HUB_DISTANCE * axis]
         places += [side * _HUB_DISTANCE * axis + aside for side in (1, -1) for aside in away]

@@ -48,8 +48,6 @@ _WISH_MARK: Look = {
     "fillstyle": "none",
     "markeredgewidth": 1.1,
 }
-
-
 NAME = "tube of errors"
 _EDGE_LINE: Look = {"linewidth": 0.8, "linestyle": (0, (1, 1.4)), "zorder": 2.9}
 _BAND_OPACITY = 0.22  # opacity of a band

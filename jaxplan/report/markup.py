@@ -1,7 +1,8 @@
 """HTML in which text stays text: what is put into a tag is escaped, unless it is `Markup`, which is HTML.
 
 A document around the content of a page loads nothing, and no script runs in it unless it holds a viewer in a
-frame of its own.
+frame of its own. `ALONG_ORBIT` is shared by the reports on plans and on days: captions of figures along the
+orbit, by the names of the figures.
 """
 
 import math
@@ -18,6 +19,13 @@ _MAX_NARROW_COLUMNS = 3  # number of columns up to which a table does not take t
 _MAX_TILES_IN_ROW = 5  # number of cards in a row at most
 Row = Sequence[Any]
 
+# Content security policy: a browser may use only images and styles that are in the page itself.
+_STATIC_POLICY = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+)
+# The policy of a page with a viewer, which frames inherit; the viewer's library names fonts it never uses.
+_VIEWER_POLICY = f"{_STATIC_POLICY}; script-src 'unsafe-inline'; font-src data: 'self' file:"
+
 
 ALONG_ORBIT = {
     "orbital_sphere": "The sphere in the local orbital frame, which turns with the spacecraft: the half "
@@ -27,14 +35,6 @@ ALONG_ORBIT = {
     "nadir), by yaw, then pitch, then roll; and how far boresights are from nadir.",
     "ground_track": "Where the spacecraft is overhead, and where boresights meet the ellipsoid of WGS 84.",
 }
-
-
-# Content security policy: a browser may use only images and styles that are in the page itself.
-_STATIC_POLICY = (
-    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-)
-# The policy of a page with a viewer, which frames inherit; the viewer's library names fonts it never uses.
-_VIEWER_POLICY = f"{_STATIC_POLICY}; script-src 'unsafe-inline'; font-src data: 'self' file:"
 
 
 class Markup(str):

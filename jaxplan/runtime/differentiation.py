@@ -1,14 +1,14 @@
-"""Derivatives of what is computed outside `jax.jit`: of linear maps and of roots of equations.
+"""Functions with derivatives of their own: linear maps outside `jax.jit`, and roots of equations.
 
-**Linear maps** have a compiled kernel for each direction. What JAX makes of a jitted function when it
-differentiates it outside `jax.jit` is traced and compiled anew in every process, without the options of
-`jaxplan.runtime.jit.quick_jit`. A rule of `jax.custom_jvp` may call kernels instead, but what it returns for
-tangents must be something that JAX can transpose. `linear_map` makes such functions.
+**Linear maps** have a compiled kernel (`jaxplan.runtime.jit`) for each direction. What JAX makes of a jitted
+function when it differentiates it outside `jax.jit` is traced and compiled anew in every process, without the
+options of `jaxplan.runtime.jit.quick_jit`. A rule of `jax.custom_jvp` may call kernels instead, but what it
+returns for tangents must be something that JAX can transpose. `linear_map` makes such functions.
 
 **Roots of equations** are differentiable functions of their inputs, by the implicit function theorem. Where
 ``F(z; inputs) = 0`` and the matrix ``K = dF / dz`` has an inverse, ``dz = -K^-1 (dF / d inputs)``. The goals
-of step 1 and the trajectories of step 3 are such roots of their optimality conditions, with the set of active
-constraints held fixed.
+of planning step 1 and the trajectories of step 3 are such roots of their optimality conditions, with the set
+of active constraints held fixed.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,22 +27,6 @@ from jaxplan.runtime.jit import is_traced
 
 Arrays = Sequence[Any]
 Map = Callable[[Any, Arrays], Sequence[Array]]
-
-
-class _LeaflessTree:
-    """A tree of plain numbers that poses as the structure of a tree without leaves.
-
-    If its numbers were arguments of a primitive, they would pass through each of JAX's transformations.
-    """
-
-    num_leaves = 0
-
-    def __init__(self, tree: Any) -> None:
-        self.tree = tree
-
-    def unflatten(self, _: Arrays) -> Any:
-        """Return the tree with its own numbers."""
-        return self.tree
 
 
 def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays, Any], list[Array]]:
@@ -95,6 +79,22 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
         return found
 
     return mapped
+
+
+class _LeaflessTree:
+    """A tree of plain numbers that poses as the structure of a tree without leaves.
+
+    If its numbers were arguments of a primitive, they would pass through each of JAX's transformations.
+    """
+
+    num_leaves = 0
+
+    def __init__(self, tree: Any) -> None:
+        self.tree = tree
+
+    def unflatten(self, _: Arrays) -> Any:
+        """Return the tree with its own numbers."""
+        return self.tree
 
 
 @dataclass(frozen=True, kw_only=True)

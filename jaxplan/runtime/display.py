@@ -1,7 +1,8 @@
 """How results are displayed: as one line in a console, as a small table in a notebook, and in which colours.
 
-Debuggers ask for both, even for objects that are half made or hold values traced by JAX. So displaying never
-raises and never needs a traced value; what cannot be shown is a question mark. Angles are in degrees.
+Debuggers ask for line and table, even for objects that are half made or hold values traced by JAX. So
+displaying never raises and never needs a traced value; what cannot be shown is a question mark. Angles are in
+degrees.
 
 A *quantity* is an attribute to be shown, with its unit. Colours of devices and zones are the same in figures,
 viewer and exports.
@@ -28,14 +29,6 @@ Rows = Iterable[tuple[str, str]]
 Cells = Sequence[Sequence[str]]
 
 UNKNOWN = "?"
-_LONGEST_LINE = 200  # characters of a line
-_LONGEST_HEADING = 80  # characters of the heading of a line or table
-_LONGEST_ITEM = 60  # characters of a label or value on a line
-_LONGEST_VALUE = 500  # characters of a value in a table
-_LONGEST_TABLE = 5300  # characters of a table's rows, tags included
-_MOST_LISTED = 12  # numbers of an array that are shown one by one
-
-
 COLOURS = (
     *("#0072B2", "#E69F00", "#882255", "#56B4E9", "#332288", "#117733"),
     *("#CC79A7", "#9F00FF", "#A9A960", "#4C004C", "#9F66FF"),
@@ -43,6 +36,12 @@ COLOURS = (
 """Colours of devices, in the order of a spacecraft's devices; told apart by the colour-blind, too."""
 KEEP_OUT, KEEP_IN = "#B2182B", "#1B7837"
 """Colours of zones to stay out of, and of zones to stay in."""
+_LONGEST_LINE = 200  # characters of a line
+_LONGEST_HEADING = 80  # characters of the heading of a line or table
+_LONGEST_ITEM = 60  # characters of a label or value on a line
+_LONGEST_VALUE = 500  # characters of a value in a table
+_LONGEST_TABLE = 5300  # characters of a table's rows, tags included
+_MOST_LISTED = 12  # numbers of an array that are shown one by one
 
 
 def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], type[T]]:

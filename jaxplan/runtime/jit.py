@@ -2,14 +2,7 @@
 
 A *kernel* is a jitted function compiled for arguments of certain kinds (shapes and types).
 
-**A clock** that stands still while JAX compiles, for limits on computing time. Code is compiled once for all
-scenes of the same sizes, so a limit must not depend on which of them comes first.
-
-**Room** for kernels in a process that plans scenarios of many shapes. JAX keeps every kernel that it has
-compiled. On Linux each takes some sixty memory maps, of which a process has 65,530 unless the system is set
-otherwise. Where none is left the process dies of "LLVM compilation error: Cannot allocate memory", after some
-hundred scenarios with different numbers of devices and zones. So before that all kernels of the process are
-forgotten, and those that are used again are compiled again.
+What has been compiled is kept between processes (`jaxplan.runtime.kernel_files`).
 
 **Kernels that are ready soon**: a first plan waits much longer for their compilation than for its results. On
 the CPU, XLA writes the loops of a fused computation in one of two ways. The newer one, by way of a separate
@@ -25,7 +18,14 @@ used. Whoever needs the kernel meanwhile waits for it and does not compile it tw
 waits for a kernel any more, its thread stops once it has been traced, so that a process need not wait for it
 at its end.
 
-What has been compiled is kept between processes (`jaxplan.runtime.kernel_files`).
+**A clock** that stands still while JAX compiles, for limits on computing time. Code is compiled once for all
+scenes of the same sizes, so a limit must not depend on which of them comes first.
+
+**Room** for kernels in a process that plans scenarios of many shapes. JAX keeps every kernel that it has
+compiled. On Linux each takes some sixty memory maps, of which a process has 65,530 unless the system is set
+otherwise. Where none is left the process dies of "LLVM compilation error: Cannot allocate memory", after some
+hundred scenarios with different numbers of devices and zones. So before that all kernels of the process are
+forgotten, and those that are used again are compiled again.
 """
 
 import inspect
@@ -49,13 +49,188 @@ from jaxplan.runtime.garbage import uncollected
 from jaxplan.runtime.progress import COMPILE_ENDS
 
 Task = Callable[[], object]
-
-
+Answer = TypeVar("Answer")
+# The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself.
+_QUICK_OPTIONS: dict[str, bool | int] = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_cpu_emitter_verification_level": 0,
+}
+_UNTRACED_TYPES = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # never tracers
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
     "/jax/core/compile/jaxpr_to_mlir_module_duration",
     COMPILE_ENDS,
 )
+_KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
+_MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
+_MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
+
+
+_known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
+
+
+def quick_jit(
+    function: Callable[..., Answer], *, level: int | None = None, **options: Any
+) -> Callable[..., Answer]:
+    """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
+
+    The time is halved only with an XLA that still has the older kind of loops (see the module). A thread that
+    needs what another one is compiling waits for that. Later processes read what is compiled without tracing
+    the function again (`jaxplan.runtime.kernel_files`).
+
+    Args:
+        function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
+        level: how far LLVM optimises, from 0 to 3; None for the highest. At 1, kernels of many small steps
+            compile in three quarters of the time and run as quickly, but those of long loops take half as
+            long again to run. At 0, for what runs a few times, they compile in a third of the time and take
+            three times as long to run.
+        options: static_argnums or static_argnames, as of `jax.jit`.
+
+    Returns:
+        The same function, jitted.
+    """
+    traced, static = jax.jit(function, **options), _static_arguments(function, **options)
+    flags = _QUICK_OPTIONS if level is None else _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
+    known: dict[Hashable, Callable[..., Answer]] = {}
+    _known_kernels.append(known)
+    turn = threading.RLock()
+
+    @wraps(function)
+    def kernel(*args: Any, **kwargs: Any) -> Answer:
+        fixed = [args[place] for place in static if isinstance(place, int) and place < len(args)]
+        fixed += [(name, kwargs[name]) for name in static if name in kwargs]
+        args_left = tuple(value for place, value in enumerate(args) if place not in static)
+        given = {name: value for name, value in kwargs.items() if name not in static}
+        leaves, tree = jax.tree.flatten((args_left, given))
+        foreign = not _UNTRACED_TYPES.issuperset(map(type, leaves))
+        if (foreign and is_traced(leaves)) or _is_config_unusual():
+            return traced(*args, **kwargs)
+        kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_argument_kind, leaves))  # type: ignore[attr-defined]
+        compiled = known.get(kinds)
+        if compiled is None:
+            with _lock_with_clock_stopped(turn):
+                compiled = known.get(kinds)
+                if compiled is None:
+                    compiled = known[kinds] = _load_or_compile(function, options, flags, kinds, args, kwargs)
+        return compiled(*args_left, **given)
+
+    return kernel
+
+
+def kernel_count() -> int:
+    """Return how many kernels this process has compiled or read, and not forgotten."""
+    return sum(map(len, _known_kernels))
+
+
+def is_traced(tree: Any) -> bool:
+    """Tell whether JAX is tracing any leaf of a tree."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def _static_arguments(function: Callable[..., Any], **options: Any) -> set[int | str]:
+    """Return the static arguments of a function by `options` of `jax.jit`, each by position and name."""
+    told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}
+    names = list(inspect.signature(function).parameters)
+    places = [*told.get("static_argnums", ()), *map(names.index, told.get("static_argnames", ()))]
+    return {*places, *(names[place] for place in places)}
+
+
+def _argument_kind(leaf: Any) -> Hashable:
+    """Return the kind of an argument: shape and dtype, or type. Equal kinds share an executable."""
+    if type(leaf) is np.ndarray:
+        return leaf.shape, leaf.dtype
+    if isinstance(leaf, jax.Array):
+        return leaf.shape, leaf.dtype, leaf.weak_type
+    return (leaf.shape, leaf.dtype) if isinstance(leaf, np.ndarray) else cast(Hashable, type(leaf))
+
+
+def _is_config_unusual() -> bool:
+    """Whether JAX is set to something else than compiling for, and running on, the only device there is."""
+    config: Any = jax.config
+    chosen = config.jax_default_device is not None or _has_several_devices()
+    return bool(config.jax_disable_jit or config.jax_debug_nans or chosen)
+
+
+@cache
+def _has_several_devices() -> bool:
+    """Tell whether there is more than one device."""
+    return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
+
+
+def _load_or_compile(
+    function: Callable[..., Answer],
+    options: dict[str, Any],
+    flags: dict[str, bool | int],
+    kinds: Hashable,
+    args: Any,
+    kwargs: Any,
+) -> Callable[..., Answer]:
+    """Return the executable of a function for arguments of some kinds: read if kept, else compiled and kept.
+
+    Args:
+        function: the function to be compiled.
+        options: options of `jax.jit`.
+        flags: compiler options; those that XLA does not know are left out.
+        kinds: kinds of the arguments, part of the key under which executables are kept.
+        args: an example of the positional arguments, for tracing.
+        kwargs: an example of the keyword arguments.
+
+    Raises:
+        NoLongerWantedError: in a thread that compiles ahead, once that is over.
+    """
+    global _new_kernels
+    # The same function may be jitted in two ways.
+    name, text = kernel_files.name_of(function), kernel_files.text_of((kinds, *sorted(flags.items())))
+    kept = kernel_files.load(name, text)
+    if kept is None:
+        with kernel_files.one_at_a_time(name, text):
+            kept = kernel_files.load(name, text)
+            if kept is None:
+                known = known_options(**flags)  # JAX accepts options at the outermost level only
+                with uncollected():
+                    lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
+                if not still_wanted():
+                    raise NoLongerWantedError
+                return cast(Callable[..., Answer], kernel_files.compile_and_keep(lowered, name, text))
+    _new_kernels += 1
+    return kept
+
+
+def materialise(positive: ArrayLike, values: Any) -> Any:
+    """Return equal values, which the compiler keeps as arrays instead of fusing them into later loops.
+
+    Otherwise, what goes into many results is computed, and compiled, anew for each of them. A conditional
+    whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on the CPU.
+
+    Args:
+        positive: () an argument of the jitted function, or the count of a loop, that is always above zero.
+        values: any tree of arrays.
+    """
+
+    def never(array: jax.Array) -> jax.Array:
+        return jnp.full_like(array, jnp.nan if jnp.issubdtype(array.dtype, jnp.inexact) else -1)
+
+    return jax.lax.cond(jnp.asarray(positive) > 0, lambda v: v, lambda v: jax.tree.map(never, v), values)
+
+
+def known_options(**options: bool | int) -> dict[str, bool | int]:
+    """Return those of some compiler options that this XLA has for the CPU; none on other devices.
+
+    Options come and go with XLA's releases, and compiling with one that is not known fails.
+    """
+    return {name: value for name, value in options.items() if _is_option_known(name, value)}
+
+
+@cache
+def _is_option_known(name: str, value: bool | int) -> bool:
+    """Tell whether kernels run on the CPU and XLA knows this option with this value."""
+    if jax.default_backend() != "cpu":
+        return False
+    try:
+        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
 
 
 class _ThreadState(threading.local):
@@ -78,6 +253,10 @@ def cores() -> int:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # not on every system
         return os.cpu_count() or 1
+
+
+class NoLongerWantedError(Exception):
+    """Ends a thread that compiles ahead (`jaxplan.runtime.jit`) once nobody waits for its work."""
 
 
 class Ahead:
@@ -183,9 +362,16 @@ def working_time() -> float:
     return time.monotonic() - _stopped_time.seconds
 
 
-_KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
-_MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
-_MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
+@contextmanager
+def _lock_with_clock_stopped(turn: threading.RLock) -> Iterator[None]:
+    """Hold the lock `turn` in a with block; this thread's clock stands still, as it does during the wait."""
+    stopped, began = _stopped_time.seconds, time.monotonic()
+    with turn:
+        try:
+            yield
+        finally:
+            _stopped_time.seconds = stopped + time.monotonic() - began
+
 
 _new_kernels = 0
 
@@ -218,197 +404,3 @@ def clear_if_full() -> bool:
         for known in _known_kernels:
             known.clear()
     return full
-
-
-Answer = TypeVar("Answer")
-
-# The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself.
-_QUICK_OPTIONS: dict[str, bool | int] = {
-    "xla_cpu_use_fusion_emitters": False,
-    "xla_cpu_emitter_verification_level": 0,
-}
-
-
-_known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
-
-
-def kernel_count() -> int:
-    """Return how many kernels this process has compiled or read, and not forgotten."""
-    return sum(map(len, _known_kernels))
-
-
-def quick_jit(
-    function: Callable[..., Answer], *, level: int | None = None, **options: Any
-) -> Callable[..., Answer]:
-    """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
-
-    The time is halved only with an XLA that still has the older kind of loops (see the module). A thread that
-    needs what another one is compiling waits for that. Later processes read what is compiled without tracing
-    the function again (`jaxplan.runtime.kernel_files`).
-
-    Args:
-        function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
-        level: how far LLVM optimises, from 0 to 3; None for the highest. At 1, kernels of many small steps
-            compile in three quarters of the time and run as quickly, but those of long loops take half as
-            long again to run. At 0, for what runs a few times, they compile in a third of the time and take
-            three times as long to run.
-        options: static_argnums or static_argnames, as of `jax.jit`.
-
-    Returns:
-        The same function, jitted.
-    """
-    traced, static = jax.jit(function, **options), _static_arguments(function, **options)
-    flags = _QUICK_OPTIONS if level is None else _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
-    known: dict[Hashable, Callable[..., Answer]] = {}
-    _known_kernels.append(known)
-    turn = threading.RLock()
-
-    @wraps(function)
-    def kernel(*args: Any, **kwargs: Any) -> Answer:
-        fixed = [args[place] for place in static if isinstance(place, int) and place < len(args)]
-        fixed += [(name, kwargs[name]) for name in static if name in kwargs]
-        args_left = tuple(value for place, value in enumerate(args) if place not in static)
-        given = {name: value for name, value in kwargs.items() if name not in static}
-        leaves, tree = jax.tree.flatten((args_left, given))
-        foreign = not _UNTRACED_TYPES.issuperset(map(type, leaves))
-        if (foreign and is_traced(leaves)) or _is_config_unusual():
-            return traced(*args, **kwargs)
-        kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_argument_kind, leaves))  # type: ignore[attr-defined]
-        compiled = known.get(kinds)
-        if compiled is None:
-            with _lock_with_clock_stopped(turn):
-                compiled = known.get(kinds)
-                if compiled is None:
-                    compiled = known[kinds] = _load_or_compile(function, options, flags, kinds, args, kwargs)
-        return compiled(*args_left, **given)
-
-    return kernel
-
-
-def is_traced(tree: Any) -> bool:
-    """Tell whether JAX is tracing any leaf of a tree."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
-
-
-def _static_arguments(function: Callable[..., Any], **options: Any) -> set[int | str]:
-    """Return the static arguments of a function by `options` of `jax.jit`, each by position and name."""
-    told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}
-    names = list(inspect.signature(function).parameters)
-    places = [*told.get("static_argnums", ()), *map(names.index, told.get("static_argnames", ()))]
-    return {*places, *(names[place] for place in places)}
-
-
-_UNTRACED_TYPES = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # never tracers
-
-
-def _argument_kind(leaf: Any) -> Hashable:
-    """Return the kind of an argument: shape and dtype, or type. Equal kinds share an executable."""
-    if type(leaf) is np.ndarray:
-        return leaf.shape, leaf.dtype
-    if isinstance(leaf, jax.Array):
-        return leaf.shape, leaf.dtype, leaf.weak_type
-    return (leaf.shape, leaf.dtype) if isinstance(leaf, np.ndarray) else cast(Hashable, type(leaf))
-
-
-def _is_config_unusual() -> bool:
-    """Whether JAX is set to something else than compiling for, and running on, the only device there is."""
-    config: Any = jax.config
-    chosen = config.jax_default_device is not None or _has_several_devices()
-    return bool(config.jax_disable_jit or config.jax_debug_nans or chosen)
-
-
-@cache
-def _has_several_devices() -> bool:
-    """Tell whether there is more than one device."""
-    return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
-
-
-@contextmanager
-def _lock_with_clock_stopped(turn: threading.RLock) -> Iterator[None]:
-    """Hold the lock `turn` in a with block; this thread's clock stands still, as it does during the wait."""
-    stopped, began = _stopped_time.seconds, time.monotonic()
-    with turn:
-        try:
-            yield
-        finally:
-            _stopped_time.seconds = stopped + time.monotonic() - began
-
-
-class NoLongerWantedError(Exception):
-    """Ends a thread that compiles ahead (`jaxplan.runtime.jit`) once nobody waits for its work."""
-
-
-def _load_or_compile(
-    function: Callable[..., Answer],
-    options: dict[str, Any],
-    flags: dict[str, bool | int],
-    kinds: Hashable,
-    args: Any,
-    kwargs: Any,
-) -> Callable[..., Answer]:
-    """Return the executable of a function for arguments of some kinds: read if kept, else compiled and kept.
-
-    Args:
-        function: the function to be compiled.
-        options: options of `jax.jit`.
-        flags: compiler options; those that XLA does not know are left out.
-        kinds: kinds of the arguments, part of the key under which executables are kept.
-        args: an example of the positional arguments, for tracing.
-        kwargs: an example of the keyword arguments.
-
-    Raises:
-        NoLongerWantedError: in a thread that compiles ahead, once that is over.
-    """
-    global _new_kernels
-    # The same function may be jitted in two ways.
-    name, text = kernel_files.name_of(function), kernel_files.text_of((kinds, *sorted(flags.items())))
-    kept = kernel_files.load(name, text)
-    if kept is None:
-        with kernel_files.one_at_a_time(name, text):
-            kept = kernel_files.load(name, text)
-            if kept is None:
-                known = known_options(**flags)  # JAX accepts options at the outermost level only
-                with uncollected():
-                    lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
-                if not still_wanted():
-                    raise NoLongerWantedError
-                return cast(Callable[..., Answer], kernel_files.compile_and_keep(lowered, name, text))
-    _new_kernels += 1
-    return kept
-
-
-def materialise(positive: ArrayLike, values: Any) -> Any:
-    """Return equal values, which the compiler keeps as arrays instead of fusing them into later loops.
-
-    Otherwise, what goes into many results is computed, and compiled, anew for each of them. A conditional
-    whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on the CPU.
-
-    Args:
-        positive: () an argument of the jitted function, or the count of a loop, that is always above zero.
-        values: any tree of arrays.
-    """
-
-    def never(array: jax.Array) -> jax.Array:
-        return jnp.full_like(array, jnp.nan if jnp.issubdtype(array.dtype, jnp.inexact) else -1)
-
-    return jax.lax.cond(jnp.asarray(positive) > 0, lambda v: v, lambda v: jax.tree.map(never, v), values)
-
-
-def known_options(**options: bool | int) -> dict[str, bool | int]:
-    """Return those of some compiler options that this XLA has for the CPU; none on other devices.
-
-    Options come and go with XLA's releases, and compiling with one that is not known fails.
-    """
-    return {name: value for name, value in options.items() if _is_option_known(name, value)}
-
-
-@cache
-def _is_option_known(name: str, value: bool | int) -> bool:
-    """Tell whether kernels run on the CPU and XLA knows this option with this value."""
-    if jax.default_backend() != "cpu":
-        return False
-    try:
-        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
-    except jax.errors.JaxRuntimeError:
-        return False
-    return True

@@ -29,8 +29,6 @@ from jaxplan.schema.value_kinds import Choice, Kind
 
 INERTIAL, LOCAL = "inertial", "local"
 _JOINT_PARTS = ("yaws", "pitches", "drives")
-
-
 # s to either side, over which the frame's turn is differenced; off by 1e-10 rad/s at most.
 _DIFFERENCE_STEP = 0.5
 

@@ -5,7 +5,8 @@ ascensions are counted from x. Lengths are in km, angles in rad, times in s. On 
 has an altitude above the equatorial radius, an inclination, a right ascension of its ascending node, and at
 time zero an argument of latitude: the angle along the orbit from the ascending node, which is what a true
 anomaly means where there is no perigee (section 5 of the paper). Functions of these compute with JAX, and
-their arguments broadcast against each other; Keplerian orbits are computed with numpy.
+their arguments broadcast against each other. States of a `CircularOrbit` or a `KeplerOrbit` are computed with
+numpy.
 
 Left out are drag, Sun, Moon, the time that light takes, and the Earth's oblateness, by which the node of a
 low orbit turns by up to 8 deg a day; the position is off by tens of km after one revolution. Over the minutes
@@ -56,23 +57,6 @@ def period(altitude: ArrayLike) -> Array:
     return 2 * pi / mean_motion(altitude)
 
 
-def _orbit_frame(
-    altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike
-) -> tuple[Array, Array]:
-    """Return inertial unit vectors (..., 3) up and ahead, along the velocity.
-
-    The arguments are those of `position`.
-    """
-    i, o = jnp.asarray(inclination), jnp.asarray(node)
-    u = jnp.asarray(latitude) + mean_motion(altitude) * jnp.asarray(time)
-    u, i, o = jnp.broadcast_arrays(u, i, o)
-    cos_i, sin_i, cos_o, sin_o = jnp.cos(i), jnp.sin(i), jnp.cos(o), jnp.sin(o)
-    at_node = jnp.stack([cos_o, sin_o, jnp.zeros_like(o)], axis=-1)
-    quarter_on = jnp.stack([-sin_o * cos_i, cos_o * cos_i, sin_i], axis=-1)
-    cos_u, sin_u = jnp.cos(u)[..., None], jnp.sin(u)[..., None]
-    return cos_u * at_node + sin_u * quarter_on, cos_u * quarter_on - sin_u * at_node
-
-
 def position(
     altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike = 0.0
 ) -> Array:
@@ -108,6 +92,23 @@ def velocity(
     _, ahead = _orbit_frame(altitude, inclination, node, latitude, time)
     speed = mean_motion(altitude) * (EARTH_RADIUS + jnp.asarray(altitude))
     return speed[..., None] * ahead
+
+
+def _orbit_frame(
+    altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike
+) -> tuple[Array, Array]:
+    """Return inertial unit vectors (..., 3) up and ahead, along the velocity.
+
+    The arguments are those of `position`.
+    """
+    i, o = jnp.asarray(inclination), jnp.asarray(node)
+    u = jnp.asarray(latitude) + mean_motion(altitude) * jnp.asarray(time)
+    u, i, o = jnp.broadcast_arrays(u, i, o)
+    cos_i, sin_i, cos_o, sin_o = jnp.cos(i), jnp.sin(i), jnp.cos(o), jnp.sin(o)
+    at_node = jnp.stack([cos_o, sin_o, jnp.zeros_like(o)], axis=-1)
+    quarter_on = jnp.stack([-sin_o * cos_i, cos_o * cos_i, sin_i], axis=-1)
+    cos_u, sin_u = jnp.cos(u)[..., None], jnp.sin(u)[..., None]
+    return cos_u * at_node + sin_u * quarter_on, cos_u * quarter_on - sin_u * at_node
 
 
 def line_of_sight(observer: ArrayLike, target: ArrayLike) -> Array:

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from jaxplan.model.activities import Segment
-from jaxplan.runtime.lazy import late
+from jaxplan.runtime.lazy_imports import late
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan, load_timeline_plan
 
 if TYPE_CHECKING:

@@ -1,11 +1,9 @@
 """Check that a motion does what activities ask for: when each is done, in which order, in which state.
 
-While a timeline is planned, an activity must end within its window, and its devices must point well enough.
-
-A finished plan says which activities it does and when; none of that is taken on trust. An activity that lasts
-must have a segment of its kind, within its window, for as long as is asked for; one of an instant must have
-its state then. That an attitude is held is checked by the polynomials of the motion: Legendre polynomials are
-at most one in size, so the sizes of the higher coefficients bound how far a piece departs from its mean.
+A plan says which activities it does and when; none of that is taken on trust. An activity that lasts must
+have a segment of its kind, within its window, for as long as is asked for; one of an instant must have its
+state then. That an attitude is held is checked by the polynomials of the motion: Legendre polynomials are at
+most one in size, so the sizes of the higher coefficients bound how far a piece departs from its mean.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +17,6 @@ from jaxplan.model.activities import Activity, Segment, Timeline, in_order
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.status import Status
-from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.trajectory import Trajectory
 
 _TIME_TOLERANCE = 1e-6  # s, by which a time may be missed because of rounding
@@ -29,9 +25,6 @@ _MAX_DRIFT = 1e-6  # rad/s, by which a beam's rate may differ from its target's 
 
 Done = Mapping[str, tuple[float, float]]
 """When activities begin and end, s, as a plan has it, by name."""
-
-
-_WINDOW_TOLERANCE = 1e-9  # s, by which a time may be late
 
 
 def unmet(
@@ -177,48 +170,3 @@ def _pointing_faults(
         drift = float(np.linalg.norm(at.attitude @ turning - np.asarray(toward.rate(when))[0]))
         if not drift <= _MAX_DRIFT:
             yield f"{name} moves by {np.rad2deg(drift):.3g} deg/s otherwise than its target at {time:.2f} s"
-
-
-def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
-    """Raise `Refused` if an activity ends after its window, or would begin after its latest end.
-
-    Args:
-        doing: the activity that is being planned.
-        motion: its motion, which says when it begins.
-        since: s, when the slew to it begins, for the message.
-    """
-    activity = doing.activity
-    end, latest = doing.ends(motion.begin), activity.latest
-    lasting = activity.duration is None and activity.kind != "point"
-    if lasting and doing.latest_end is not None and not end > motion.begin:
-        late = motion.begin - doing.latest_end
-        raise Refused(
-            Status.OUT_OF_WINDOW,
-            f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",
-        )
-    if latest is not None and end > latest + _WINDOW_TOLERANCE:
-        hidden = doing.seen_at_last(motion.begin)
-        why = f"its slew begins at {since:.2f} s and ends at {motion.begin:.2f} s"
-        advice = "Let the window end later, ask for less time, or do less before"
-        if hidden:  # then what is done before does not matter
-            why, advice = hidden, "Let the window end later, or ask for less time"
-        raise Refused(
-            Status.OUT_OF_WINDOW,
-            f"it can end at {end:.2f} s at the earliest, {end - latest:.2f} s after its window: {why}. "
-            f"{advice}",
-        )
-
-
-def expect_near(activity: Activity, error: float | None) -> None:
-    """Raise `Refused` if an activity that tracks has a larger pointing error than its tolerance.
-
-    `error` is the angle, rad, within which devices are proved to point; None where nothing is tracked.
-    """
-    if error is None or activity.track is None or error <= float(activity.track.tolerance):
-        return
-    off, most = np.rad2deg([error, float(activity.track.tolerance)])
-    raise Refused(
-        Status.UNCERTIFIED,
-        f"devices are proved to point within {off:.3g} deg, tolerance_deg = {most:g} is asked for: raise "
-        "it, or choose a target that moves less fast",
-    )

@@ -22,8 +22,8 @@ from jaxplan.model.status import Status
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.timeline import curves, proving
+from jaxplan.timeline.activity_checks import expect_in_time, expect_near
 from jaxplan.timeline.choices import Choice
-from jaxplan.timeline.compliance import expect_in_time, expect_near
 from jaxplan.timeline.looking_ahead import led_ahead
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.partial_plan import SoFar, first_again

@@ -8,7 +8,7 @@ import types
 import pytest
 
 from jaxplan.runtime.garbage import seldom_collected, uncollected
-from jaxplan.runtime.lazy import late
+from jaxplan.runtime.lazy_imports import late
 
 
 def test_blocks_may_lie_within_each_other_and_end_by_an_error():
@@ -37,7 +37,7 @@ def test_late_names_are_imported_without_a_look_for_garbage(monkeypatch):
         seen.append(gc.isenabled())
         return name
 
-    monkeypatch.setattr("jaxplan.runtime.lazy.resolve_name", found)
+    monkeypatch.setattr("jaxplan.runtime.lazy_imports.resolve_name", found)
     monkeypatch.setitem(sys.modules, "package_of_late_names", types.ModuleType("package_of_late_names"))
     assert late("package_of_late_names", {"name": "home:name"})("name") == "home:name"
     assert seen == [False]
