@@ -203,7 +203,7 @@ def _follow_optimum(
         moving = pointers(spacecraft, state.aims, (), start, began, unit)
         of_caps = caps.axis, caps.direction, caps.half_angle
         none = jnp.zeros(4, int)
-        own = Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
+        own = _LeastTimeConditions(turn, of_caps, moving, platform(spacecraft, unit), none)
         optimum = soonest_turn(own, matter, equation_cap_numbers(state.asked))
     else:
         number, multiplier = active_caps(turn, jax.lax.stop_gradient(caps), matter, state.asked)
@@ -316,7 +316,7 @@ _FIRST_ORDER = Equations(
 _SECOND_ORDER = replace(_FIRST_ORDER, again=True)
 
 
-class Conditions(NamedTuple):
+class _LeastTimeConditions(NamedTuple):
     """A goal of least time with its active ways and caps, from which the conditions of optimality follow.
 
     Attributes:
@@ -334,7 +334,7 @@ class Conditions(NamedTuple):
     number: Array
 
 
-def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -> Array:
+def soonest_turn(conditions: _LeastTimeConditions, matter: Array, equations: np.ndarray) -> Array:
     """Return the quaternion (4, 1) of the turn of least time near the one found, differentiable once.
 
     Args:
@@ -371,7 +371,7 @@ def _least_times(way: Array, top: Array, growth: Array) -> Array:
     return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
 
 
-def _constraint_excess(own: Conditions, at: Array) -> Array:
+def _constraint_excess(own: _LeastTimeConditions, at: Array) -> Array:
     """Return the excess over the m caps and then the w ways less their reach, (m + w,).
 
     `at` (4,) is the turn from the goal found, rad, and the time.
@@ -383,7 +383,7 @@ def _constraint_excess(own: Conditions, at: Array) -> Array:
     return jnp.concatenate([excess, way - reached])[:, 0]
 
 
-def _objective(own: Conditions, at: Array) -> Array:
+def _objective(own: _LeastTimeConditions, at: Array) -> Array:
     """Return the objective: half the square of the time plus a little of that of the turn.
 
     The second term makes the optimum unique. `at` is as for `_constraint_excess`.
@@ -392,7 +392,7 @@ def _objective(own: Conditions, at: Array) -> Array:
     return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
 
 
-def _least_time_residual(own: Conditions, z: Array) -> Array:
+def _least_time_residual(own: _LeastTimeConditions, z: Array) -> Array:
     """Return the residual (8,) of the conditions of optimality of least time.
 
     ``z`` is the turn (3,) rad from the goal found, the time, and the multipliers (4,).
@@ -407,7 +407,7 @@ def _least_time_residual(own: Conditions, z: Array) -> Array:
     return jnp.concatenate([slope, jnp.where(used, depth, z[4:])])
 
 
-def _linearised_least_time(own: Conditions, z: Array) -> tuple[Array, Array]:
+def _linearised_least_time(own: _LeastTimeConditions, z: Array) -> tuple[Array, Array]:
     """Return `_least_time_residual` (8,) at ``z``, and the pseudoinverse (8, 8) of its derivative by ``z``.
 
     The latter is zero along directions that are not determined.
