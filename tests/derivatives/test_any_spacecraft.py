@@ -78,4 +78,4 @@ def test_a_plan_follows_mountings_ranges_masks_and_limits(seed):
         slopes = [float(jax.grad(lambda by, way=way: way @ curve(by))(0.0)) for way in ways]
     largest = float(np.max(np.abs(found)))
     assert largest > 0.1
-    np.testing.assert_allclose(slopes, ways @ found, rtol=0, atol=TOLERANCE * largest * np.sqrt(len(found)))
+    np.testing.assert_allclose(slopes, ways @ found, rtol=0, atol=TOLERANCE * largest)
