@@ -11,12 +11,13 @@ import os
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Most of the time goes to compiling what runs for milliseconds, so kernels are compiled without optimisation
-# here: in a third of the time, to run at two thirds of the speed. XLA_FLAGS= asks for what users get.
-# Where XLA is of jaxlib 0.11 or later a process ends at once that has the second flag.
+# here: in a third of the time, to run at two thirds of the speed. Nor is code for LLVM split for threads,
+# since tests run on all cores. XLA_FLAGS= asks for what users get. A process ends at once that has a flag
+# which its XLA does not know: that of jaxlib 0.11 or later no longer has the second, and may lose the third.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0"
-    + " --xla_cpu_use_fusion_emitters=false"
+    + " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
     * (tuple(map(int, importlib.metadata.version("jaxlib").split(".")[:2])) < (0, 11)),
 )
 

@@ -50,10 +50,12 @@ from jaxplan.runtime.progress import COMPILE_ENDS
 
 Task = Callable[[], object]
 Answer = TypeVar("Answer")
-# The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself.
+# The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself. The
+# third saves a tenth: code for LLVM is not split for threads, as other kernels are compiled beside.
 _QUICK_OPTIONS: dict[str, bool | int] = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_cpu_emitter_verification_level": 0,
+    "xla_cpu_parallel_codegen_split_count": 1,
 }
 _UNTRACED_TYPES = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # never tracers
 _COMPILE_EVENTS = (
@@ -64,6 +66,7 @@ _COMPILE_EVENTS = (
 _KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
 _MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
 _MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
+_LONGEST_WAIT = 1.0  # s, for another thread's trace to end; then both go on
 
 
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
@@ -187,13 +190,31 @@ def _load_or_compile(
             kept = kernel_files.load(name, text)
             if kept is None:
                 known = known_options(**flags)  # JAX accepts options at the outermost level only
-                with uncollected():
+                with _turn_to_trace(), uncollected():
                     lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
                 if not still_wanted():
                     raise NoLongerWantedError
                 return cast(Callable[..., Answer], kernel_files.compile_and_keep(lowered, name, text))
     _new_kernels += 1
     return kept
+
+
+_tracing = threading.RLock()
+
+
+@contextmanager
+def _turn_to_trace() -> Iterator[None]:
+    """Trace and lower in a with block while no other thread does, so that the first can be compiled early.
+
+    Threads that trace at once hold each other up, since only one can run Python. Where the wait gets long
+    both go on: what the other thread needs might be a kernel that this one is to compile.
+    """
+    own = _tracing.acquire(timeout=_LONGEST_WAIT)
+    try:
+        yield
+    finally:
+        if own:
+            _tracing.release()
 
 
 def materialise(positive: ArrayLike, values: Any) -> Any:
