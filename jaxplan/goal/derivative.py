@@ -288,22 +288,27 @@ def _kkt_residual(own: _Conditions, z: Array) -> Array:
 
     ``z`` is the turn (3,) rad from the goal found, then the multipliers (3,).
     """
-    residual, _ = _linearised_kkt(own, z)
-    return residual
+    return _kkt_terms(own, z)[0]
 
 
-def _linearised_kkt(own: _Conditions, z: Array) -> tuple[Array, Array]:
-    """Return the residual (6,) at ``z``, and the pseudoinverse (6, 6) of its derivative by ``z``.
-
-    The latter is zero along directions that are not determined, as where nearby attitudes are equally good.
-    """
+def _kkt_terms(own: _Conditions, z: Array) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Return `_kkt_residual`, the objective's Hessian (3, 3, 1), and the `cap_terms` of the three caps."""
     turn = turned(own.turn, z[:3, None])
     _, eta, hessian = angle_terms(turn)
     body, depth, slope = cap_terms(turn, *own.caps)
     push = slope[:, :, 0] @ jnp.where(own.used, z[3:], 0)
     residual = jnp.concatenate([eta[:, 0] + push, jnp.where(own.used, depth[:, 0], z[3:])])
+    return residual, hessian, (body, depth, slope)
+
+
+def _linearised_kkt(own: _Conditions, z: Array) -> tuple[Array, Array]:
+    """Return `_kkt_residual` at ``z``, and the pseudoinverse (6, 6) of its derivative by ``z``.
+
+    The latter is zero along directions that are not determined, as where nearby attitudes are equally good.
+    """
+    residual, hessian, terms = _kkt_terms(own, z)
     active = Active(number=jnp.where(own.used, np.arange(3), -1)[:, None], multiplier=z[3:, None])
-    curved, normals, _ = active_terms(active, own.caps.axis, body, depth, slope)
+    curved, normals, _ = active_terms(active, own.caps.axis, *terms)
     normal, free = normals[:, :, 0], jnp.diag(jnp.where(own.used, 0, jnp.ones_like(z[3:])))
     derivative = jnp.block([[(hessian + curved)[:, :, 0], normal], [normal.T, free]])
     decided = float(jnp.finfo(derivative.dtype).eps) ** (2 / 3)

@@ -137,14 +137,15 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _root_and_factors(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
     """Return the root (n,), and the factors of the last step; arguments as `implicit_root`."""
+    linearise = jax.jit(lambda *own: equations.linearise(*own))  # so that it is traced once in a call
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
         count, _, z, _ = at
-        left, factors = equations.linearise(inputs, z)
+        left, factors = linearise(inputs, z)
         last = jnp.all(jnp.abs(left) <= equations.tolerance) | (count == equations.steps)
         return count + 1, last, z - equations.solve(factors, left), factors
 
-    _, shapes = jax.eval_shape(equations.linearise, inputs, guess)
+    _, shapes = jax.eval_shape(linearise, inputs, guess)
     none = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
     *_, z, factors = jax.lax.while_loop(
         lambda at: ~at[1], ahead, (jnp.array(0), jnp.array(False), guess, none)
