@@ -125,19 +125,20 @@ def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyAr
     return gamma, velocity, acceleration, jerk
 
 
-def platform(piece: Piece, t: ArrayLike) -> tuple[AnyArray, ...]:
-    """Evaluate attitude, angular velocity, angular acceleration and angular jerk on a piece.
+def platform(piece: Piece, t: ArrayLike, order: int = 3) -> tuple[AnyArray, ...]:
+    """Evaluate attitude, angular velocity, angular acceleration and, for order 3, angular jerk on a piece.
 
     Args:
         piece: one or several, with leading axes (...).
         t: (...) s.
+        order: 2 without the jerk, 3 with it.
 
     Returns:
         (..., 3, 3) body to inertial, then (..., 3) each in rad/s, rad/s^2 and rad/s^3, body axes.
     """
     _, time, start, rate, attitude = arrays(t, piece.chart_start, piece.chart_rate, piece.chart_attitude)
     along = polynomial(piece.coefficients, piece.start, piece.end, time)
-    gamma, *derivatives = chart_motion(rate, (time - start)[..., None], *along)
+    gamma, *derivatives = chart_motion(rate, (time - start)[..., None], *along[: order + 1])
     return attitude @ gamma, *derivatives
 
 
