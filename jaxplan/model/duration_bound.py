@@ -58,7 +58,7 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
     """
     _, turned, moved = arrays(turns, moves)
     times = [way.rest_time for way in ways_of_platform(spacecraft, turned, Ends())]
-    times += [way.rest_time for way in _ways_of_joints(spacecraft, moved)]
+    times += [way.rest_time for way in ways_of_joints(spacecraft, moved)]
     return greatest_of(times)
 
 
@@ -80,7 +80,7 @@ def times_along(spacecraft: Spacecraft, paths: Sequence[tuple[np.ndarray, np.nda
     moves = np.concatenate([np.diff(joints, axis=0) for _, joints in paths])
     owner = np.repeat(np.arange(len(paths)), [len(joints) - 1 for _, joints in paths])  # of each edge
     turns = so3.log(np.swapaxes(before, -1, -2) @ after)
-    ways = [*ways_of_platform(spacecraft, turns, Ends()), *_ways_of_joints(spacecraft, moves)]
+    ways = [*ways_of_platform(spacecraft, turns, Ends()), *ways_of_joints(spacecraft, moves)]
     slowest = np.zeros(len(turns))
     for way in ways:
         far = np.abs(way.distance)
@@ -159,7 +159,7 @@ def _ways_between(
     _, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
     turn = so3.log(attitudes[0].T @ attitudes[1])
     ways = list(ways_of_platform(craft, turn, Ends(spins if turning else None, joints, rates)))
-    return [*ways, *_ways_of_joints(craft, joints[1] - joints[0], rates)]
+    return [*ways, *ways_of_joints(craft, joints[1] - joints[0], rates)]
 
 
 def excess(duration: float, bound: float) -> float | None:
@@ -170,7 +170,7 @@ def excess(duration: float, bound: float) -> float | None:
     return duration / bound - 1 if bound > _MIN_BOUND_SHARE * duration else None
 
 
-def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: AnyArray | None = None) -> Iterator[Way]:
+def ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: AnyArray | None = None) -> Iterator[Way]:
     """Yield the way of each joint.
 
     Args:

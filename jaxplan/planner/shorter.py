@@ -5,7 +5,8 @@ path; `TrajectorySettings.first_guesses` says how many are asked for.
 
 The goal of least time is the one with the least lower bound, which knows no zones and takes platform and
 joints each by itself. So where the shortest motion to it is far above the bound, the other goals of step 1
-are tried, that of least rotation among them, unless their own bounds say that they take longer.
+are tried, that of least rotation among them, unless their own bounds say that they take longer, or direct
+motions do, about a fixed axis.
 
 Zones can be passed on several sides, and a search finds one way. If the shortest motion along it is far above
 the bound, other searches look for other ways, unless the straight way is open, which is the quickest. Half as
@@ -18,12 +19,14 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
 
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.certificate import Certificate
-from jaxplan.model.duration_bound import duration_bound, times_along
+from jaxplan.model.duration_bound import duration_bound, times_along, ways_of_joints
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
@@ -39,6 +42,7 @@ from jaxplan.search import (
     make_scene,
 )
 from jaxplan.trajectory import NEAR_THE_BOUND, Fit, FitQuery
+from jaxplan.trajectory.node_times import turn_time
 
 METHODS = ("rrt_connect", "mha")  # of other searches, in turn: the first varies most with its seed
 _FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
@@ -46,6 +50,7 @@ SHORTER = 1 - 1e-4  # times the plan's duration: a motion must take less for its
 _MAX_BENT_CURVES = 1000  # curves; with more nothing is found that fewer would not find
 _FITS_PER_GUESS, _SEARCHES_PER_GUESS = 0.5, 3  # in a round, to the plan's goal
 _OTHER_SEARCHES_PER_GUESS = 1.5  # the same, of searches to each other goal
+_LEAST_SHARE_OF_DIRECT = 0.9  # of the time of a direct motion, that of the best shortest ones
 _SAME_WAY_ANGLE = 0.25  # rad, of attitude and joints; a path so near to one that was fitted is the same way
 _STRAIGHT_TIME_RATIO = 1.001  # times the estimated time along the straight path; up to it a path is straight
 _MAX_TIME_RATIO = 1.25  # times the estimated time along the plan's own path; slower paths are not fitted
@@ -68,7 +73,7 @@ def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), en
         return False
     if improve_for > 0 or not settings.first_guesses:
         return improve_for > 0
-    return (bool(scenario.zones) and is_bent(plan)) or any(may_be_sooner(plan, one) for one in goals)
+    return (bool(scenario.zones) and is_bent(plan)) or any(looks_sooner(plan, one) for one in goals)
 
 
 def is_far(plan: Plan, enough: float) -> bool:
@@ -93,6 +98,32 @@ def may_be_sooner(plan: Plan, goal: Goal) -> bool:
         np.stack([start.joint_rates, end[1]]),
     )
     return trajectory is not None and bound.seconds < SHORTER * trajectory.duration
+
+
+def looks_sooner(plan: Plan, goal: Goal) -> bool:
+    """Tell whether a goal may be reached sooner than by a plan, and direct motions to both say so, too.
+
+    Lower bounds are loose, by other shares for other goals. So a goal is dropped if its direct motion takes
+    longer than that to the plan's own goal. If zones hold up the plan, the other goal's shortest motion is
+    taken to be quicker than its direct one by as much as the best are.
+    """
+    if plan.trajectory is None or plan.goal is None or not may_be_sooner(plan, goal):
+        return False
+    (own, other), taken = (
+        (_direct_time(plan.scenario, one) for one in (plan.goal, goal)),
+        plan.trajectory.duration,
+    )
+    if taken > own or is_bent(plan):
+        own = max(own, taken / _LEAST_SHARE_OF_DIRECT)
+    return other < SHORTER * own
+
+
+def _direct_time(scenario: Scenario, goal: Goal) -> float:
+    """Time in s that the slowest of platform and joints takes to a goal, from rest, about a fixed axis."""
+    craft, start = scenario.usable, scenario.start
+    turn = np.asarray(so3.log(np.asarray(start.attitude).T @ goal.attitude))
+    joints = [float(way.rest_time) for way in ways_of_joints(craft, goal.joints - start.joints)]
+    return max(turn_time(turn, craft), *joints, 0.0)
 
 
 def _is_near(path: Path, other: Path) -> bool:
@@ -154,7 +185,10 @@ class Shorter:
     ) -> None:
         if plan.goal is None or plan.path is None:
             raise RuntimeError("a certified plan has a goal and a path")
-        self.plan, self._goals_left = plan, list(goals)
+        self.plan = plan
+        self._goals_left = sorted(
+            goals, key=partial(_direct_time, plan.scenario)
+        )  # those likely to be quick first
         self._own_way = _Way(plan.goal, scene, [plan.path])  # to the goal of the plan
         self._ways = [self._own_way]  # to all goals that were tried
         self._is_trying_goals = True  # whether other goals are being tried, each along its first path
@@ -221,7 +255,7 @@ class Shorter:
         for way in self._ways if self._scenario.zones else ():
             own = way is self._own_way
             worthwhile = (own and bends > 0) or _is_detour(self.plan, way.paths[0])
-            if worthwhile and (own or may_be_sooner(self.plan, way.goal)):
+            if worthwhile and (own or self._is_worth_trying(way.goal)):
                 self._searches_left += [way] * math.ceil(
                     (_SEARCHES_PER_GUESS if own else _OTHER_SEARCHES_PER_GUESS) * asked
                 )
@@ -253,7 +287,7 @@ class Shorter:
         """
         while self._goals_left:
             goal = self._goals_left.pop(0)
-            if not may_be_sooner(self.plan, goal):
+            if not self._is_worth_trying(goal):
                 continue
             scene = make_scene(self._scenario, goal)
             if find_barrier(scene) is None and find_joint_barrier(scene, range(scene.gimbals.count)) is None:
@@ -264,6 +298,11 @@ class Shorter:
             self._is_trying_goals = False
             self._begin_round(bends=0)
         return False
+
+    def _is_worth_trying(self, goal: Goal) -> bool:
+        """Whether to plan to another goal: if it looks sooner or, with time to spare, if it may be sooner."""
+        spare = time.monotonic() < self._improve_until
+        return may_be_sooner(self.plan, goal) if spare else looks_sooner(self.plan, goal)
 
     def _request_search(self, way: _Way, time_limit: float) -> None:
         """Set `need` to another search for a path to the goal of `way`, of at most `time_limit` s."""
