@@ -30,7 +30,7 @@ from jaxplan.model.limits import limits, longest
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
-from jaxplan.model.wheel_reach import WheelSpeeds
+from jaxplan.model.wheel_reach import WheelSpeeds, fitted_frames
 from jaxplan.runtime.batching import padded_count
 
 LANES = 64
@@ -196,25 +196,28 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
             elif name in given:
                 acceleration = xp.minimum(acceleration, light @ given[name])
     norms, planes = [longest(craft, 1), longest(craft, 2)], [[np.inf] * 3] * 2
+    fitted: list[tuple[AnyArray, AnyArray, AnyArray]] = []
     if craft.wheels:
-        own = WheelSpeeds.of(craft, 0.0, craft.whole_inertia)
+        own, every = WheelSpeeds.of(craft, 0.0, craft.whole_inertia), np.eye(3)
         xp, rate, acceleration, by_momentum, by_torque = arrays(
-            rate, acceleration, own.rate, own.acceleration(0.0)
+            rate, acceleration, own.rate(every), own.acceleration(every, 0.0)
         )
         rate, acceleration = xp.minimum(rate, by_momentum), xp.minimum(acceleration, by_torque)
-        every = np.eye(3)
         norms = [xp.minimum(norms[0], own.top(every)), xp.minimum(norms[1], own.growth(every, 0.0))]
         across = [every - np.outer(axis, axis) for axis in every]
         planes = [[own.top(plane) for plane in across], [own.growth(plane, 0.0) for plane in across]]
+        fitted = list(own.boxes(fitted_frames(craft), rate, acceleration, 0.0))
     boxes = [rate, xp.sqrt(rate * acceleration), acceleration]
     if xp is np and np.ptp(rate / acceleration) <= _RATIO_TOLERANCE * np.max(rate / acceleration):
         boxes = boxes[:1]
+    tables = [(np.eye(3), rate, acceleration, box) for box in boxes]
+    tables += [(frame, top, growth, growth) for frame, top, growth in fitted]
     axes, rates, shares = [], [], []
-    for box in boxes:
+    for frame, _, _, box in tables:
         order = xp.argsort(-box)
-        share, own = turn_table("box").at(box[order])
-        axes.append(xp.eye(3)[order].T)
-        rates.append(own)
+        share, used = turn_table("box").at(box[order])
+        axes.append(xp.asarray(frame)[order].T)
+        rates.append(used)
         shares.append(_fit_shares(share))
     tops, growths = (
         [
@@ -230,8 +233,8 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         axes=stacked(axes),
         rates=stacked(rates),
         shares=stacked(shares),
-        top=stacked([*tops, *(xp.max(rate / box) for box in boxes)]) * unit,
-        growth=stacked([*growths, *(xp.max(acceleration / box) for box in boxes)]) * unit**2,
+        top=stacked([*tops, *(xp.max(top / box) for _, top, _, box in tables)]) * unit,
+        growth=stacked([*growths, *(xp.max(growth / box) for *_, growth, box in tables)]) * unit**2,
     )
 
 

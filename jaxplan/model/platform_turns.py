@@ -5,6 +5,7 @@ change (*growth*), see `jaxplan.model.duration_bound`. These are the ways of the
 
     way                        speed                             top, growth
     length in a box            max of |w_i| / c_i                max of limit_i / c_i, also of accelerations
+    the same in other axes     max of |e_i . w| / c_i            the same, for what wheels allow along e_i
     angle of the turn          |w|                               limits of the lengths, or diagonals of boxes
     angle of a body axis       |w across it|                     diagonals of the two other axes' limits
     length by the energy       sqrt(w . J w)                     the largest over boxes; growth by torque too
@@ -21,7 +22,8 @@ allocation (`jaxplan.model.wheel_reach`); ``|H|``, the total momentum, is known 
 are at most ``J^-1`` times the reach of the momenta plus ``|H|``, the accelerations at most ``J^-1`` times the
 reach of the torques plus ``|w| |H|``; in the energy the torque that turns ``H`` does no work. The lengths of
 both, and of their parts across a body axis, are at most those at the corners of the reach, which are smaller
-than the diagonals of boxes.
+than the diagonals of boxes. A box about the body axes is much larger than the reach of slanted wheels; so
+there are boxes in other axes as well, each along a face of the reach (`wheel_reach.fitted_frames`).
 
 If stages of gimbals have an inertia, ``J`` depends on the joints, and moving joints carry momentum and push
 back. `jaxplan.model.inertia_bounds` bounds these: with ``d = J - J_c`` the momentum is ``J_c w + (d w + p)``,
@@ -36,7 +38,7 @@ its growth is at most what the torque gives by the least inertia plus ``(|p'| + 
 with ``a`` the least principal moment of that.
 
 Any ``c`` is allowed; tried are the limits of the rates, those of the accelerations, and the geometric mean of
-both. Radians, seconds, body axes.
+both; in the axes of wheels' faces those of the accelerations. Radians, seconds, body axes.
 """
 
 from collections.abc import Iterator
@@ -59,12 +61,15 @@ from jaxplan.model.quadratic import (
     sizes_by,
 )
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.turn_table import turn_table
-from jaxplan.model.wheel_reach import WheelSpeeds, reaches
+from jaxplan.model.turn_table import Lengths, turn_table
+from jaxplan.model.wheel_reach import WheelSpeeds, fitted_frames, reaches
+from jaxplan.runtime.compute_once import made_once
 
 _RATIO_TOLERANCE = (
     1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
 )
+
+_BODY_AXES = np.eye(3)
 
 RATES = "rates and accelerations of the platform"
 TORQUE = "rates, accelerations and torque of the platform"
@@ -110,6 +115,65 @@ class Ends(NamedTuple):
         return array_module(momentum).asarray(momentum).T
 
 
+class _BoxLength(NamedTuple):
+    """The length of turns in a box."""
+
+    axes: AnyArray  # (3, 3), the box's axes as rows
+    lengths: Lengths
+
+    def of(self, turns: AnyArray) -> AnyArray:
+        """Return the lengths (...) of turns (..., 3) rad."""
+        return self.lengths.of(turns @ self.axes.T)
+
+
+class _Angle(NamedTuple):
+    """The angle of turns, or by which they move the direction of a body axis."""
+
+    axis: int | None = None
+
+    def of(self, turns: AnyArray) -> AnyArray:
+        """Return the angles (...) rad of turns (..., 3) rad."""
+        return length(turns) if self.axis is None else _axis_angles(turns)[..., self.axis]
+
+
+class _EnergyLength(NamedTuple):
+    """The length of turns by the energy: the largest of several lower bounds."""
+
+    roots: AnyArray  # (3,) (kg m^2)^1/2, of the least principal moments
+    axes: AnyArray  # (3, 3), the principal axes as columns
+    lengths: Lengths
+
+    def of(self, turns: AnyArray) -> AnyArray:
+        """Return the lengths (...) rad (kg m^2)^1/2 of turns (..., 3) rad."""
+        own = turns @ self.axes
+        rows, angles = [self.lengths.of(own)], _axis_angles(own)
+        for axis in range(3):
+            rows.append(min_along(self.roots[np.arange(3) != axis], -1) * angles[..., axis])
+        return greatest_of(rows)
+
+
+class _Measure(NamedTuple):
+    """A length of turns with limits of the speed along it: a way before the turn is known, see `Way`."""
+
+    name: str
+    length: _BoxLength | _Angle | _EnergyLength
+    top: AnyArray
+    growth: AnyArray
+    more_growth: AnyArray | None = None
+    speeds: AnyArray | None = None
+
+    def way(self, turns: AnyArray) -> Way:
+        """Return the way of turns (..., 3) rad."""
+        return Way(
+            name=self.name,
+            distance=self.length.of(turns),
+            top=self.top,
+            growth=self.growth,
+            more_growth=self.more_growth,
+            speeds=self.speeds,
+        )
+
+
 def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator[Way]:
     """Yield the ways of the platform, which are those in the table of the module's docstring.
 
@@ -118,6 +182,19 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
         turns: (..., 3) rad, rotation vectors from start to end, in body axes at the start.
         ends: the motion at both ends.
     """
+    still = all(part is None for part in ends)
+    for measure in _measures_at_rest(craft) if still else _measures(craft, ends):
+        yield measure.way(turns)
+
+
+@made_once
+def _measures_at_rest(craft: Spacecraft) -> list[_Measure]:
+    """Return the measures of turns from rest to rest, of platform and joints."""
+    return list(_measures(craft, Ends()))
+
+
+def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
+    """Yield the measures of turns; arguments are those of `ways_of_platform`."""
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
     norms, name, spins = (longest(craft, 1), longest(craft, 2)), RATES, ends.spins
@@ -129,11 +206,11 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
             fastest = most_by(norms[0], body, length(momentum) + body.carried)
             by_momentum = by_momentum + length(inverse) * (body.off * fastest + body.carried)
         rate = xp.minimum(rate, by_momentum)
-    across = None
+    across = own = None
     if craft.wheel_array is not None:
         array, body, total = craft.wheel_array, inertia_bounds(craft), _total_momentum(craft, ends)
         own = WheelSpeeds.of(craft, total, body.middle)
-        yield _energy_way(craft, body, given, norms, turns, ends)
+        yield _energy_measure(craft, body, given, norms, ends)
         if craft.stages is not None:
             most = most_by(
                 norms[0],
@@ -141,20 +218,20 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
                 array_module(array.each_momentum).sum(array.each_momentum) + total + body.carried,
             )
             own = own._replace(carried=body.carried + body.off * most)
-        xp, rate, acceleration, own_rate = arrays(rate, acceleration, own.rate)
+        xp, rate, acceleration, own_rate = arrays(rate, acceleration, own.rate(np.eye(3)))
         rate = xp.minimum(rate, own_rate)
         top = xp.minimum(xp.minimum(norms[0], length(rate)), own.top(np.eye(3)))
         if craft.stages is not None:
             push = body.pushed + body.swept * top
             most = most_by(norms[1], body, xp.sum(array.each_torque) + total * top + push)
             own = own._replace(pushed=push + body.off * most)
-        acceleration = xp.minimum(acceleration, own.acceleration(top))
+        acceleration = xp.minimum(acceleration, own.acceleration(np.eye(3), top))
         norms, name = (top, xp.minimum(norms[1], own.growth(np.eye(3), top))), TORQUE
         planes = np.eye(3) - np.eye(3)[:, :, None] * np.eye(3)[:, None]
         across = [own.top(plane) for plane in planes], [own.growth(plane, top) for plane in planes]
     if "torque" in given:
         body = inertia_bounds(craft)
-        yield _energy_way(craft, body, given, norms, turns, ends)
+        yield _energy_measure(craft, body, given, norms, ends)
         at_rest, gyroscopic, later = _accelerations_by_torque(body.middle, given["torque"])
         xp, acceleration, at_rest, later = arrays(acceleration, at_rest, later)
         if craft.stages is not None:
@@ -165,39 +242,34 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
             at_rest = at_rest + length(inverse_of(body.middle)) * (push + body.off * most)
         elif spins is None:
             slower = at_rest < acceleration
-            yield from _box_ways(
+            yield from _box_measures(
                 TORQUE,
-                turns,
                 None,
                 rate,
                 xp.where(slower, at_rest, acceleration),
                 xp.where(slower, later, 0),
             )
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
-    yield from _box_ways(name, turns, spins, rate, acceleration)
-    yield Way(
-        name=RATES if across is None else name,
-        distance=length(turns),
-        top=norms[0],
-        growth=norms[1],
-        speeds=None if spins is None else length(spins),
-    )
-    yield from _axis_ways(name, turns, spins, rate, acceleration, norms, across)
+    yield from _box_measures(name, spins, rate, acceleration)
+    if own is not None:
+        for axes, rates, growths in own.boxes(fitted_frames(craft), rate, acceleration, norms[0]):
+            yield _box_measure(name, spins, growths, rates, growths, axes=axes)
+    speeds = None if spins is None else length(spins)
+    yield _Measure(RATES if across is None else name, _Angle(), *norms, speeds=speeds)
+    yield from _axis_measures(name, spins, rate, acceleration, norms, across)
 
 
-def _box_ways(
+def _box_measures(
     name: str,
-    turns: AnyArray,
     spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
     more: AnyArray | None = None,
-) -> Iterator[Way]:
-    """Yield the lengths of turns in up to three boxes, as ways: of rates, of accelerations, and between them.
+) -> Iterator[_Measure]:
+    """Yield the lengths of turns in up to three boxes: of rates, of accelerations, and between them.
 
     Args:
         name: name of the limits.
-        turns: (..., 3) rad, rotation vectors.
         spins: (2, 3) rad/s, angular velocities at both ends; None at rest.
         rate: (3,) rad/s, limits of the angular velocity's components.
         acceleration: (3,) rad/s^2, limits of the acceleration's components, at rest if `more` is given.
@@ -209,32 +281,46 @@ def _box_ways(
     if xp is not np or np.ptp(ratio) > _RATIO_TOLERANCE * np.max(ratio):
         boxes += [acceleration, xp.sqrt(rate * acceleration)]
     for box in boxes:
-        yield Way(
-            name=name,
-            distance=turn_table("box").length(turns, box),
-            top=max_along(rate / box, -1),
-            growth=max_along(acceleration / box, -1),
-            more_growth=None if more is None else max_along(more / box, -1),
-            speeds=None if spins is None else (abs(spins) / box).max(axis=1),
-        )
+        yield _box_measure(name, spins, box, rate, acceleration, more)
 
 
-def _axis_ways(
+def _box_measure(
     name: str,
-    turns: AnyArray,
+    spins: AnyArray | None,
+    box: AnyArray,
+    rate: AnyArray,
+    acceleration: AnyArray,
+    more: AnyArray | None = None,
+    axes: AnyArray = _BODY_AXES,
+) -> _Measure:
+    """Return the length of turns in a box with half sides (3,) along axes (3, 3), its rows.
+
+    The other arguments are those of `_box_measures`, with limits along these axes.
+    """
+    return _Measure(
+        name=name,
+        length=_BoxLength(axes, turn_table("box").lengths(box)),
+        top=max_along(rate / box, -1),
+        growth=max_along(acceleration / box, -1),
+        more_growth=None if more is None else max_along(more / box, -1),
+        speeds=None if spins is None else (abs(spins @ axes.T) / box).max(axis=1),
+    )
+
+
+def _axis_measures(
+    name: str,
     spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
     of_wheels: tuple[list[AnyArray], list[AnyArray]] | None,
-) -> Iterator[Way]:
-    """Yield for each body axis the angle between its directions at start and end, as a way.
+) -> Iterator[_Measure]:
+    """Yield for each body axis the angle between its directions at start and end.
 
     Turns about the axis itself do not change that angle.
 
     Args:
         name: name of the limits.
-        turns: (..., 3) rad, rotation vectors.
         spins: (2, 3) rad/s, angular velocities at both ends; None at rest.
         rate: (3,) rad/s, limits of the angular velocity's components.
         acceleration: (3,) rad/s^2, limits of the acceleration's components.
@@ -242,7 +328,6 @@ def _axis_ways(
         of_wheels: for each axis the limits by wheels of the lengths of what lies across it, first of the
             angular velocity and then of the acceleration; None without wheels.
     """
-    turned = _axis_angles(turns)
     xp, rate, acceleration = arrays(rate, acceleration)
     for axis in range(3):
         across = np.arange(3) != axis
@@ -250,13 +335,8 @@ def _axis_ways(
         growth = xp.minimum(length(acceleration[across]), norms[1])
         if of_wheels is not None:
             top, growth = xp.minimum(top, of_wheels[0][axis]), xp.minimum(growth, of_wheels[1][axis])
-        yield Way(
-            name=name,
-            distance=turned[..., axis],
-            top=top,
-            growth=growth,
-            speeds=None if spins is None else length(spins[:, across]),
-        )
+        speeds = None if spins is None else length(spins[:, across])
+        yield _Measure(name, _Angle(axis), top, growth, speeds=speeds)
 
 
 def _axis_angles(turns: AnyArray) -> AnyArray:
@@ -265,33 +345,26 @@ def _axis_angles(turns: AnyArray) -> AnyArray:
     return separation(np.eye(3, dtype=turned.dtype), array_module(turned).swapaxes(turned, -1, -2))
 
 
-def _energy_way(
+def _energy_measure(
     craft: Spacecraft,
     body: InertiaBounds,
     given: dict[str, AnyArray],
     norms: tuple[AnyArray, AnyArray],
-    turns: AnyArray,
     ends: Ends,
-) -> Way:
-    """Return the way with the speed ``sqrt(w . J w)``; its distance is the largest of several lower bounds.
+) -> _Measure:
+    """Return the length of turns along which the speed is ``sqrt(w . J w)``.
 
     Args:
         craft: the spacecraft; if it has wheels, their limits are used instead of those of torque.
         body: bounds of the inertia ``J``.
         given: (3,) bounds of the limits, by the names of their quantities.
         norms: rad/s and rad/s^2, limits of the lengths of angular velocity and acceleration.
-        turns: (..., 3) rad, rotation vectors.
         ends: the motion at both ends.
     """
     array, spins = craft.wheel_array, ends.spins
     xp, least, greatest = arrays(body.least, body.greatest)
     moments, axes = principal(least)
     roots, heaviest = xp.sqrt(moments), xp.sqrt(xp.max(principal(greatest)[0]))
-    own = turns @ axes
-    rows = [turn_table("ellipsoid").length(own, 1 / roots)]
-    angles = _axis_angles(own)
-    for axis in range(3):
-        rows.append(min_along(roots[np.arange(3) != axis], -1) * angles[..., axis])
     lightest, inverse, speeds = xp.sqrt(xp.min(moments)), inverse_of(least), None
     carried, pushed, swept = (
         (0.0, 0.0, 0.0)
@@ -314,9 +387,9 @@ def _energy_way(
         speeds = sizes_by(spins, least)
     elif spins is not None:
         speeds = roots_of((spins * ends.momenta(craft, still=True)).sum(axis=1))
-    return Way(
+    return _Measure(
         name=ENERGY,
-        distance=greatest_of(rows),
+        length=_EnergyLength(roots, axes, turn_table("ellipsoid").lengths(1 / roots)),
         top=min_along(xp.stack(tops), 0),
         growth=min_along(xp.stack(growths), 0),
         speeds=speeds,

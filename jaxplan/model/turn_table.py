@@ -35,7 +35,7 @@ cell by cell and for all ratios of rates, and tests/model/test_turn_table.py mak
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -70,26 +70,15 @@ class TurnTable:
     shares: np.ndarray
 
     def length(self, turns: ArrayLike, rates: ArrayLike) -> AnyArray:
-        """Return lengths of turns, by interpolation in the table.
+        """Return lengths (...) s of turns (..., 3) rad for rates (3,) rad/s, as `lengths` of these does."""
+        return self.lengths(rates).of(turns)
 
-        Args:
-            turns: (..., 3) rad, rotation vectors in body axes, at most pi long.
-            rates: (3,) rad/s, positive, ``c``.
-
-        Returns:
-            (...) s; derivatives exist almost everywhere, and are finite elsewhere.
-        """
+    def lengths(self, rates: ArrayLike) -> "Lengths":
+        """Return the table for rates ``c`` (3,) rad/s, positive, by body axis."""
         by, c = arrays(rates)
         order = by.argsort(-c)
         shares, used = self.at(c[order])
-        xp, r, used, table = arrays(turns, used, shares)
-        q = xp.abs(r[..., order]) / used
-        face = xp.argmax(q, axis=-1)
-        q = xp.take_along_axis(q, (face[..., None] + np.arange(3)) % 3, axis=-1)
-        largest = xp.where(q[..., 0] > 0, q[..., 0], 1)
-        angle = xp.minimum(length(r) / np.pi, 1)
-        places = [angle, q[..., 1] / largest, q[..., 2] / largest]
-        return q[..., 0] * _trilinear(table, face, places)
+        return Lengths(order, used, shares)
 
     def at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Return the table (3, K, L, L) for given rates, and the rates for which it holds.
@@ -107,6 +96,38 @@ class TurnTable:
         used = xp.stack([c[0], second, third])
         ratios = second / c[0], third / second
         return _bilinear(self.shares, self.ratios, ratios) / _bilinear(self.slopes, self.finer, ratios), used
+
+
+class Lengths(NamedTuple):
+    """The lengths of turns for given rates.
+
+    Attributes:
+        order: (3,) int, body axes by falling rate.
+        used: (3,) rad/s, rates in that order for which the table holds.
+        shares: (3, K, L, L), values of ``F / q_f`` as in `TurnTable`.
+    """
+
+    order: AnyArray
+    used: AnyArray
+    shares: AnyArray
+
+    def of(self, turns: ArrayLike) -> AnyArray:
+        """Return lengths of turns, by interpolation in the table.
+
+        Args:
+            turns: (..., 3) rad, rotation vectors in body axes, at most pi long.
+
+        Returns:
+            (...) s; derivatives exist almost everywhere, and are finite elsewhere.
+        """
+        xp, r, used, table = arrays(turns, self.used, self.shares)
+        q = xp.abs(r[..., self.order]) / used
+        face = xp.argmax(q, axis=-1)
+        q = xp.take_along_axis(q, (face[..., None] + np.arange(3)) % 3, axis=-1)
+        largest = xp.where(q[..., 0] > 0, q[..., 0], 1)
+        angle = xp.minimum(length(r) / np.pi, 1)
+        places = [angle, q[..., 1] / largest, q[..., 2] / largest]
+        return q[..., 0] * _trilinear(table, face, places)
 
 
 def _bilinear(

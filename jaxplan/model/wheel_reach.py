@@ -45,6 +45,8 @@ _MAX_WHEELS_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are 
 _PLANAR_VOLUME = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding
 _PRECISE_VOLUME = 1e-6  # volume of three unit axes from which on what follows from them is precise
 _CORNER_TOLERANCE = 1e-6  # fraction of a range by which a corner may lie beyond it, for rounding
+_MAX_FRAMES = 6  # most frames whose boxes are fitted to what wheels allow
+_EVEN = 1e-9  # share of its trace below which two principal values of a form count as equal
 _ORTHOGONALITY_TOLERANCE = 1e-9  # product of unit vectors below which they count as at right angles
 
 
@@ -117,6 +119,41 @@ def reaches(craft: Spacecraft) -> tuple[Reach, Reach]:
     return torque, momentum
 
 
+@made_once
+def fitted_frames(craft: Spacecraft) -> AnyArray:
+    """Return frames (f, 3, 3) in which boxes fit the angular velocities that wheels allow closely.
+
+    The first axis of each, its first row, is at right angles to one of the nearest faces of that set. The
+    others are the principal axes of the squares of all faces, as they look along the first.
+
+    Raises:
+        ValueError: if there are no wheels.
+    """
+    array = craft.wheel_array
+    if array is None:
+        raise ValueError("there are no wheels")
+    xp, inertia, rows, torque, momentum = arrays(
+        craft.whole_inertia, array.rows, array.torque, array.momentum
+    )
+    faces = rows @ inertia / xp.sqrt(torque * momentum)[:, None]
+    form = faces.T @ faces
+    nearest = xp.argsort(-length(faces))[:_MAX_FRAMES]
+    frames = []
+    for number in range(len(nearest)):
+        face = faces[nearest[number]]
+        size = length(face)
+        first = xp.where(size > 0, face / xp.where(size > 0, size, 1), np.eye(3)[0])
+        side = xp.cross(first, xp.asarray(np.eye(3))[xp.argmin(xp.abs(first))])
+        side = side / length(side)
+        other = xp.cross(first, side)
+        twist, spread = 2 * side @ form @ other, side @ form @ side - other @ form @ other
+        even = twist**2 + spread**2 < (_EVEN * xp.trace(form)) ** 2
+        half = xp.arctan2(xp.where(even, 0, twist), xp.where(even, 1, spread)) / 2
+        second = xp.cos(half) * side + xp.sin(half) * other
+        frames.append(xp.stack([first, second, xp.cross(first, second)]))
+    return xp.stack(frames)
+
+
 class WheelSpeeds(NamedTuple):
     """How fast wheels let a body turn, and how fast its angular velocity may change.
 
@@ -147,19 +184,43 @@ class WheelSpeeds(NamedTuple):
         """
         return cls(*reaches(craft), inverse_of(inertia), total)
 
-    @property
-    def rate(self) -> AnyArray:
-        """(3,) rad/s, upper bounds of the components of the angular velocity, by what the wheels can hold."""
-        return self.momentum.along(self.inverse) + length(self.inverse) * (self.total + self.carried)
+    def rate(self, axes: AnyArray) -> AnyArray:
+        """Return bounds (k,) rad/s of the angular velocity along unit vectors (k, 3) in body axes."""
+        light = axes @ self.inverse
+        return self.momentum.along(light) + length(light) * (self.total + self.carried)
 
-    def acceleration(self, top: AnyArray) -> AnyArray:
-        """Return bounds (3,) rad/s^2 of the components of the angular acceleration.
+    def acceleration(self, axes: AnyArray, top: AnyArray) -> AnyArray:
+        """Return bounds (k,) rad/s^2 of the angular acceleration along unit vectors.
 
         Args:
+            axes: (k, 3) unit vectors in body axes.
             top: rad/s, bound of the length of the angular velocity.
         """
-        beside = self.total * top + self.pushed
-        return self.torque.along(self.inverse) + length(self.inverse) * beside
+        light = axes @ self.inverse
+        return self.torque.along(light) + length(light) * (self.total * top + self.pushed)
+
+    def boxes(
+        self, frames: AnyArray, rate: AnyArray, acceleration: AnyArray, top: AnyArray
+    ) -> Iterator[tuple[AnyArray, AnyArray, AnyArray]]:
+        """Yield for each frame bounds of angular velocity and acceleration along its axes.
+
+        Args:
+            frames: (f, 3, 3), three unit vectors at right angles as rows of each, such as `fitted_frames`.
+            rate: (3,) rad/s, bounds along the body axes.
+            acceleration: (3,) rad/s^2, likewise.
+            top: rad/s, bound of the length of the angular velocity.
+
+        Yields:
+            The frame (3, 3), and bounds (3,) rad/s and (3,) rad/s^2 along its axes.
+        """
+        xp, rate, acceleration = arrays(rate, acceleration)
+        for axes in frames:
+            spread = abs(axes)
+            yield (
+                axes,
+                xp.minimum(self.rate(axes), spread @ rate),
+                xp.minimum(self.acceleration(axes, top), spread @ acceleration),
+            )
 
     def top(self, plane: AnyArray) -> AnyArray:
         """Return a bound, rad/s, of the length of the angular velocity's projection by a matrix (3, 3)."""

@@ -14,8 +14,9 @@ from wheels import INERTIA, numbers, random_wheels, wheels
 
 from jaxplan.goal.least_time import platform
 from jaxplan.model.duration_bound import rest_bounds
-from jaxplan.model.wheel_reach import reaches
+from jaxplan.model.wheel_reach import WheelSpeeds, fitted_frames, reaches
 from jaxplan.model.wheels import MINIMAX, PSEUDO_INVERSE
+from jaxplan.trajectory.node_times import turn_time
 
 PYRAMID = np.array([[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]]) / np.sqrt(2)
 PLANE = np.array([[1, 0, 0], [0, 1, 0], [0.6, 0.8, 0], [0, 0, 1.0]])
@@ -99,6 +100,36 @@ def test_a_pseudo_inverse_takes_longer_than_the_envelope_and_bounds_say_so():
     )
     assert np.all(by_inverse >= by_envelope * (1 - 1e-9))
     assert np.mean(by_inverse / by_envelope) > 1.02
+
+
+@pytest.mark.parametrize("allocation", [PSEUDO_INVERSE, MINIMAX])
+@pytest.mark.parametrize("name", ARRAYS)
+def test_boxes_in_fitted_frames_hold_all_that_wheels_allow(name, allocation):
+    craft = craft_of(ARRAYS[name], allocation)
+    frames, speeds = fitted_frames(craft), WheelSpeeds.of(craft, 0.0, INERTIA)
+    np.testing.assert_allclose(
+        frames @ np.swapaxes(frames, 1, 2), np.tile(np.eye(3), (len(frames), 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(np.linalg.det(frames), 1.0)
+    for axes, rate, acceleration in speeds.boxes(frames, np.full(3, 9.0), np.full(3, 9.0), 0.0):
+        for which, limit in enumerate((acceleration, rate)):
+            along = [farthest(craft, which, np.linalg.solve(INERTIA, axis)) for axis in axes]
+            np.testing.assert_allclose(limit, along, rtol=1e-6 if name == "nearly a plane" else 1e-8)
+
+
+@pytest.mark.parametrize("allocation", [PSEUDO_INVERSE, MINIMAX])
+def test_bounds_of_short_turns_are_what_a_turn_about_one_axis_takes(allocation):
+    """On short turns nothing is gained by turning about other axes on the way, whatever wheels allow."""
+    rng = np.random.default_rng(9)
+    for axes in (PYRAMID, random_units(rng, 3), random_units(rng, 4)):
+        craft = craft_of(wheels(axes), allocation)
+        craft = replace(craft, rate_limit=1.0, acceleration_limit=1.0)
+        for size, least in ((0.02, 0.9), (1.0, 0.65)):
+            turns = random_units(rng, 40) * size
+            bounds = rest_bounds(craft, turns, np.zeros((40, 2)))
+            takes = np.array([turn_time(turn, craft) for turn in turns])
+            assert np.all(bounds <= takes * (1 + 1e-9))
+            assert np.all(bounds >= least * takes)
 
 
 @pytest.mark.slow
