@@ -34,7 +34,7 @@ from jaxplan.planner.steps import judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.differentiation import linear_map
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import Task, is_traced, quick_jit, side_by_side
+from jaxplan.runtime.jit import Task, is_traced, quick_jit, side_by_side, to_numpy
 from jaxplan.trajectory import Trajectory
 
 Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_float_leaves` of a scenario
@@ -131,11 +131,6 @@ def _trajectory_jvp(held: Held, scenario: Scenario, way: list[Any]) -> Trajector
     return along
 
 
-def _to_numpy(tree: Any) -> Any:
-    """Convert the leaves of a tree, but no tracers, to numpy arrays; so one kernel serves all callers."""
-    return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
-
-
 _compiled_for: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
 
 
@@ -144,19 +139,19 @@ def _find_end(held: Held, scenario: Scenario) -> Reached:
     if held not in _compiled_for:
         side_by_side(_compilation_tasks(held, scenario), lambda: None)
         _compiled_for.add(held)
-    found: Reached = _to_numpy(_end_with_slopes(*_to_numpy((held, scenario))))
+    found: Reached = to_numpy(_end_with_slopes(*to_numpy((held, scenario))))
     return found
 
 
 def _trajectory_value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
     """Return a scenario's trajectory to its known end, by the kernel that also computes its derivatives."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
-    return _trajectory_with_slopes(*_to_numpy((reached, held, scenario, nothing)), False)[0]
+    return _trajectory_with_slopes(*to_numpy((reached, held, scenario, nothing)), False)[0]
 
 
 def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
     """Return tasks to run in threads, which compile the kernels of `_find_end` and `_trajectory_vjp`."""
-    own = _to_numpy((held, scenario))
+    own = to_numpy((held, scenario))
     joints = np.asarray(held.goal.joints, float)
     end = End(np.asarray(held.goal.attitude, float), joints, np.zeros(3 + len(joints)))
     count = sum(map(np.size, _float_leaves(scenario)))
@@ -178,13 +173,13 @@ def _trajectory_vjp(held: Held, scenario: Scenario, reached: Reached, cotangents
 
     The products are in the order of `_float_leaves`.
     """
-    return _trajectory_with_slopes(*_to_numpy((reached, held, scenario, cotangents)), True)[1]
+    return _trajectory_with_slopes(*to_numpy((reached, held, scenario, cotangents)), True)[1]
 
 
 def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
     """Return the leaves of the derivative of the trajectory along tangents `way`, for `linear_map`."""
     held, scenario, _ = own
-    return jax.tree.leaves(_trajectory_jvp(*_to_numpy((held, scenario, list(way)))))
+    return jax.tree.leaves(_trajectory_jvp(*to_numpy((held, scenario, list(way)))))
 
 
 def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:

@@ -130,6 +130,11 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
+def to_numpy(tree: Any) -> Any:
+    """Convert the leaves of a tree, but no tracers, to numpy arrays; so one kernel serves all callers."""
+    return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
+
+
 def _static_arguments(function: Callable[..., Any], **options: Any) -> set[int | str]:
     """Return the static arguments of a function by `options` of `jax.jit`, each by position and name."""
     told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}

@@ -22,7 +22,7 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.differentiation import linear_map
-from jaxplan.runtime.jit import is_traced, quick_jit
+from jaxplan.runtime.jit import is_traced, quick_jit, to_numpy
 from jaxplan.trajectory.curve import Trajectory
 
 Given = ParamSpec("Given")
@@ -107,6 +107,7 @@ def _jvp_rule(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> t
     """
     if is_traced(own):
         return jax.jvp(partial(_call_measure, name, chosen), own, ways)
+    own = to_numpy(own)
     if name in _ARRAY_MEASURES:  # gradients of all entries would be too much if one number is made of them
         found, leaves = _jitted_value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
         way = [way for leaf, way in zip(*leaves, strict=True) if _is_differentiable(leaf)]
@@ -140,9 +141,11 @@ def at_once(
             given = dict(bound.arguments)
             chosen = tuple((choice, given.pop(choice)) for choice in choices)
             if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(given)):
-                return (_differentiable_value if is_traced(given) else _jitted_value)(name, chosen, given)
+                if is_traced(given):
+                    return _differentiable_value(name, chosen, given)
+                return _jitted_value(name, chosen, to_numpy(given))
             with jax.enable_x64(True):
-                return np.asarray(_jitted_value(name, chosen, given))[()]  # type: ignore[return-value]
+                return np.asarray(_jitted_value(name, chosen, to_numpy(given)))[()]  # type: ignore[return-value]
 
         return run
 

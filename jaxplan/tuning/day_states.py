@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
@@ -31,11 +32,13 @@ from jaxplan.model.directions import as_path
 from jaxplan.model.goals import LEAST_ROTATION, Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import Turns, masks
 from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.motions import Motion, with_room
 from jaxplan.timeline.track_derivative import Track, ends_of, track_of
 from jaxplan.timeline.tracking import State
+from jaxplan.trajectory.plan_measures import at_once
 
 _LEAST_ENERGY_ADVICE = "set trajectory.optimal = true, or give it an attitude"
 TARGETS_MOVE = f"its targets, zones or wishes make it move: {_LEAST_ENERGY_ADVICE}"
@@ -164,38 +167,74 @@ class Pointed:
         """Return for both ends the optimum of step 1 when the activity begins, with the least rates."""
         assert activity.targets is not None
         begin = when.begin
-        found = self.goal(scene, activity.targets, before, begin, near.state)
-        still = State.still(found.attitude, found.joints)
+        found: Any = self.goal(scene, activity.targets, before, begin, near.state)
+        still = State.still(*found)
         if not self.moving:
             return still, still
-        there = activity.targets.at(begin)
-        spin, rates = differentiable_rates(
-            scene.usable,
-            there,
-            jnp.asarray(found.attitude),
-            jnp.asarray(found.joints),
-            activity.targets.rates(begin),
-        )
-        velocity: Any = spin
-        joint_rates: Any = rates
-        found = replace(still, velocity=velocity, rates=joint_rates)
+        rates: Any = _least_rates(scene.usable, activity.targets, begin, *found)
+        found = replace(still, velocity=rates[:3], rates=rates[3:])
         return found, found
 
-    def goal(self, scene: Scenario, targets: Targets, before: State, begin: Any, near: State | Goal) -> Any:
-        """Return the optimum of step 1 at `begin`, s, from the state before; `near` is that of the plan."""
-        craft, wanted = scene.usable, replace(targets.at(begin), criterion=LEAST_ROTATION)
-        if self.roomy:
-            craft, wanted = with_room(craft, wanted)
-        return differentiable_goal(
-            Goal(attitude=near.attitude, joints=near.joints, slew_angle=0.0),
-            craft,
-            before.attitude,
-            wanted,
-            scene.rows(self.turns).at(begin),
-            start_joints=before.joints,
-            moves=self.moves,
-            met=self.met,
-        )
+    def goal(
+        self, scene: Scenario, targets: Targets, before: State, begin: Any, near: State | Goal
+    ) -> tuple[Any, Any]:
+        """Return attitude and joints of the optimum of step 1 at `begin`, s, from the state before.
+
+        `near` is that of the plan.
+        """
+        starts, places = (before.attitude, before.joints), (near.attitude, near.joints)
+        found = _optimum(scene, targets, begin, starts, places, self.moves, self.met, self.turns, self.roomy)
+        return found[:9].reshape(3, 3), found[9:]
+
+
+@at_once("met", "turns", "roomy", of_arrays=True)
+def _optimum(
+    scene: Scenario,
+    targets: Targets,
+    begin: Any,
+    before: tuple[Any, Any],
+    near: tuple[Any, Any],
+    moves: tuple[MadeWay, ...],
+    met: tuple[int, ...],
+    turns: Turns,
+    roomy: bool,
+) -> Array:
+    """Return the optimum of step 1 at `begin`, s: its attitude by rows and its joints, (9 + J,).
+
+    Args:
+        scene: the timeline's scene.
+        targets: those of the activity.
+        begin: s, when it begins.
+        before: attitude and joints of the state before.
+        near: attitude and joints of the optimum in the plan.
+        moves: as of `Pointed`, as are those that follow.
+        met: places of wishes.
+        turns: of masks.
+        roomy: whether room is kept.
+    """
+    craft, wanted = scene.usable, replace(targets.at(begin), criterion=LEAST_ROTATION)
+    if roomy:
+        craft, wanted = with_room(craft, wanted)
+    found: Any = differentiable_goal(
+        Goal(attitude=near[0], joints=near[1], slew_angle=0.0),
+        craft,
+        before[0],
+        wanted,
+        scene.rows(turns).at(begin),
+        start_joints=before[1],
+        moves=moves,
+        met=met,
+    )
+    return jnp.concatenate([found.attitude.ravel(), found.joints])
+
+
+@at_once(of_arrays=True)
+def _least_rates(craft: Spacecraft, targets: Targets, begin: Any, attitude: Any, joints: Any) -> Array:
+    """Return the least rates, rad/s, with which devices follow targets at `begin`, s, (3 + J,)."""
+    rates = differentiable_rates(
+        craft, targets.at(begin), jnp.asarray(attitude), jnp.asarray(joints), targets.rates(begin)
+    )
+    return jnp.concatenate([*map(jnp.asarray, rates)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,7 +260,7 @@ class Following:
         if isinstance(self.aim, Pointed):
             assert targets is not None
             assert near.aim is not None
-            joints = self.aim.goal(scene, targets, before, when.begin, near.aim).joints
+            joints = self.aim.goal(scene, targets, before, when.begin, near.aim)[1]
         else:
             joints = self.aim.at(scene, activity, before, when, near)[0].joints
         wishes = () if targets is None else targets.prefer

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
@@ -40,6 +41,7 @@ from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.tracking import State
 from jaxplan.timeline.wheel_momentum import holding, total_in
 from jaxplan.trajectory import measures
+from jaxplan.trajectory.plan_measures import at_once
 from jaxplan.tuning.day_states import (
     Ends,
     Held,
@@ -205,20 +207,33 @@ class _Leg:
         assert own.goal is not None
         then = self.choice.departure.state, own.goal
         turning = any(np.any(one.velocity) for one in then)
-        ends = self.state, goal
-        if not turning and not any(np.any(one.rates) for one in then):
-            turn = so3.log(ends[0].attitude.T @ goal.attitude)
-            return rest_bounds(self.craft, turn[None], (goal.joints - self.state.joints)[None])[0]
         pairs = [
-            jnp.stack([jnp.asarray(getattr(one, name)) for one in ends])
+            jnp.stack([jnp.asarray(getattr(one, name)) for one in (self.state, goal)])
             for name in ("attitude", "joints", "velocity", "rates")
         ]
-        return moving_bound(self.craft, *pairs, turning=turning)
+        if turning or any(np.any(one.rates) for one in then):
+            return _moving_bound(self.craft, *pairs, turning=turning)
+        return _rest_bound(self.craft, *pairs[:2])
 
     def _shortest_time(self, own: SlewTime, goal: State) -> Any:
         """Return the time, s, of the shortest motion to a goal at rest."""
         here = replace(self.choice.departure, scene=self.scene, craft=self.craft, state=self.state)
         return self.slopes[id(own)].at(here.scenario(goal, MINIMUM))
+
+
+@at_once()
+def _rest_bound(craft: Spacecraft, attitudes: Array, joints: Array) -> Array:
+    """Return the lower bound, s, of a slew at rest between attitudes (2, 3, 3) and joints (2, J)."""
+    turn, moved = so3.log(attitudes[0].T @ attitudes[1]), joints[1] - joints[0]
+    return rest_bounds(craft, turn[None], moved[None])[0]
+
+
+@at_once("turning")
+def _moving_bound(
+    craft: Spacecraft, attitudes: Array, joints: Array, velocities: Array, rates: Array, *, turning: bool
+) -> Array:
+    """Return the lower bound, s, of a slew between two states, see `moving_bound`."""
+    return moving_bound(craft, attitudes, joints, velocities, rates, turning=turning)
 
 
 def _start_state(scene: Scenario) -> State:
