@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, max_along
 from jaxplan.goal import multistart
 from jaxplan.goal.aims import Aims
 from jaxplan.goal.caps import Caps
@@ -196,7 +196,7 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
             elif name in given:
                 acceleration = xp.minimum(acceleration, light @ given[name])
     norms, planes = [longest(craft, 1), longest(craft, 2)], [[np.inf] * 3] * 2
-    fitted: list[tuple[AnyArray, AnyArray, AnyArray]] = []
+    fitted: list[tuple[AnyArray, AnyArray, AnyArray]] = []  # frames of boxes, with rates and accelerations
     if craft.wheels:
         own, every = WheelSpeeds.of(craft, 0.0, craft.whole_inertia), np.eye(3)
         xp, rate, acceleration, by_momentum, by_torque = arrays(
@@ -206,19 +206,16 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         norms = [xp.minimum(norms[0], own.top(every)), xp.minimum(norms[1], own.growth(every, 0.0))]
         across = [every - np.outer(axis, axis) for axis in every]
         planes = [[own.top(plane) for plane in across], [own.growth(plane, 0.0) for plane in across]]
-        fitted = list(own.boxes(fitted_frames(craft), rate, acceleration, 0.0))
+        frames = fitted_frames(craft)
+        fitted = list(zip(frames, *own.boxes(frames, rate, acceleration, 0.0), strict=True))
     boxes = [rate, xp.sqrt(rate * acceleration), acceleration]
     if xp is np and np.ptp(rate / acceleration) <= _RATIO_TOLERANCE * np.max(rate / acceleration):
         boxes = boxes[:1]
     tables = [(np.eye(3), rate, acceleration, box) for box in boxes]
     tables += [(frame, top, growth, growth) for frame, top, growth in fitted]
-    axes, rates, shares = [], [], []
-    for frame, _, _, box in tables:
-        order = xp.argsort(-box)
-        share, used = turn_table("box").at(box[order])
-        axes.append(xp.asarray(frame)[order].T)
-        rates.append(used)
-        shares.append(_fit_shares(share))
+    axes, of_rates, of_growths, sides = (stacked(parts) for parts in zip(*tables, strict=True))
+    lengths = turn_table("box").lengths(sides)
+    xp = array_module(axes, sides)
     tops, growths = (
         [
             *(
@@ -230,11 +227,11 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         for limit, norm, by_wheels in zip((rate, acceleration), norms, planes, strict=True)
     )
     return Platform(
-        axes=stacked(axes),
-        rates=stacked(rates),
-        shares=stacked(shares),
-        top=stacked([*tops, *(xp.max(top / box) for _, top, _, box in tables)]) * unit,
-        growth=stacked([*growths, *(xp.max(growth / box) for *_, growth, box in tables)]) * unit**2,
+        axes=xp.swapaxes(xp.take_along_axis(axes, lengths.order[:, :, None], axis=1), 1, 2),
+        rates=lengths.used,
+        shares=_fit_shares(lengths.shares),
+        top=stacked([*tops, *max_along(of_rates / sides, -1)]) * unit,
+        growth=stacked([*growths, *max_along(of_growths / sides, -1)]) * unit**2,
     )
 
 
@@ -242,13 +239,13 @@ def _fit_shares(shares: AnyArray) -> AnyArray:
     """Fit tabulated shares of `turn_table` by polynomials, in the sense of least squares.
 
     Args:
-        shares: (3, A, L, L), tabulated at A angles and twice L ratios for each of three axes.
+        shares: (b, 3, A, L, L), of b tables at A angles and twice L ratios for each of three axes.
 
     Returns:
-        (3, i, j, k) coefficients of Legendre polynomials; i, j and k are `_POLYNOMIAL_TERMS`.
+        (b, 3, i, j, k) coefficients of Legendre polynomials; i, j and k are `_POLYNOMIAL_TERMS`.
     """
-    for count, terms in zip(shares.shape[1:], _POLYNOMIAL_TERMS, strict=True):
-        shares = array_module(shares).tensordot(shares, _legendre_fit_matrix(count, terms), axes=(1, 1))
+    for count, terms in zip(shares.shape[2:], _POLYNOMIAL_TERMS, strict=True):
+        shares = array_module(shares).tensordot(shares, _legendre_fit_matrix(count, terms), axes=(2, 1))
     return shares
 
 

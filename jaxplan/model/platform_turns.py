@@ -69,8 +69,6 @@ _RATIO_TOLERANCE = (
     1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
 )
 
-_BODY_AXES = np.eye(3)
-
 RATES = "rates and accelerations of the platform"
 TORQUE = "rates, accelerations and torque of the platform"
 ENERGY = "torque and inertia of the platform"
@@ -252,8 +250,12 @@ def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
     yield from _box_measures(name, spins, rate, acceleration)
     if own is not None:
-        for axes, rates, growths in own.boxes(fitted_frames(craft), rate, acceleration, norms[0]):
-            yield _box_measure(name, spins, growths, rates, growths, axes=axes)
+        frames = fitted_frames(craft)
+        every = own.boxes(frames, rate, acceleration, norms[0])
+        lengths = turn_table("box").lengths(every[1])
+        for number, (axes, rates, growths) in enumerate(zip(frames, *every, strict=True)):
+            of_frame = _BoxLength(axes, Lengths(*(part[number] for part in lengths)))
+            yield _box_measure(name, spins, of_frame, growths, rates, growths)
     speeds = None if spins is None else length(spins)
     yield _Measure(RATES if across is None else name, _Angle(), *norms, speeds=speeds)
     yield from _axis_measures(name, spins, rate, acceleration, norms, across)
@@ -281,29 +283,30 @@ def _box_measures(
     if xp is not np or np.ptp(ratio) > _RATIO_TOLERANCE * np.max(ratio):
         boxes += [acceleration, xp.sqrt(rate * acceleration)]
     for box in boxes:
-        yield _box_measure(name, spins, box, rate, acceleration, more)
+        along = _BoxLength(np.eye(3), turn_table("box").lengths(box))
+        yield _box_measure(name, spins, along, box, rate, acceleration, more)
 
 
 def _box_measure(
     name: str,
     spins: AnyArray | None,
+    along: _BoxLength,
     box: AnyArray,
     rate: AnyArray,
     acceleration: AnyArray,
     more: AnyArray | None = None,
-    axes: AnyArray = _BODY_AXES,
 ) -> _Measure:
-    """Return the length of turns in a box with half sides (3,) along axes (3, 3), its rows.
+    """Return the length `along` of turns in a box with half sides (3,).
 
-    The other arguments are those of `_box_measures`, with limits along these axes.
+    The other arguments are those of `_box_measures`, with limits along the axes of the box.
     """
     return _Measure(
         name=name,
-        length=_BoxLength(axes, turn_table("box").lengths(box)),
+        length=along,
         top=max_along(rate / box, -1),
         growth=max_along(acceleration / box, -1),
         more_growth=None if more is None else max_along(more / box, -1),
-        speeds=None if spins is None else (abs(spins @ axes.T) / box).max(axis=1),
+        speeds=None if spins is None else (abs(spins @ along.axes.T) / box).max(axis=1),
     )
 
 

@@ -74,37 +74,38 @@ class TurnTable:
         return self.lengths(rates).of(turns)
 
     def lengths(self, rates: ArrayLike) -> "Lengths":
-        """Return the table for rates ``c`` (3,) rad/s, positive, by body axis."""
+        """Return the tables for rates ``c`` (..., 3) rad/s, positive, by body axis."""
         by, c = arrays(rates)
-        order = by.argsort(-c)
-        shares, used = self.at(c[order])
+        order = by.argsort(-c, axis=-1)
+        shares, used = self.at(by.take_along_axis(c, order, axis=-1))
         return Lengths(order, used, shares)
 
     def at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Return the table (3, K, L, L) for given rates, and the rates for which it holds.
+        """Return the tables (..., 3, K, L, L) for given rates, and the rates for which they hold.
 
         Args:
-            rates: (3,) rad/s in falling order.
+            rates: (..., 3) rad/s, each three in falling order.
 
         Returns:
-            Values of ``F / q_f``, and the rates (3,), raised where their ratios are beyond the end of the
+            Values of ``F / q_f``, and the rates (..., 3), raised where their ratios are beyond the end of the
             table.
         """
         xp, c = arrays(rates)
-        second = c[0] * xp.maximum(c[1] / c[0], self.ratios[0][0])
-        third = second * xp.maximum(c[2] / second, self.ratios[1][0])
-        used = xp.stack([c[0], second, third])
-        ratios = second / c[0], third / second
-        return _bilinear(self.shares, self.ratios, ratios) / _bilinear(self.slopes, self.finer, ratios), used
+        first = c[..., 0]
+        second = first * xp.maximum(c[..., 1] / first, self.ratios[0][0])
+        third = second * xp.maximum(c[..., 2] / second, self.ratios[1][0])
+        ratios = second / first, third / second
+        slopes = _bilinear(self.slopes, self.finer, ratios)[..., None, None, None, None]
+        return _bilinear(self.shares, self.ratios, ratios) / slopes, xp.stack([first, second, third], axis=-1)
 
 
 class Lengths(NamedTuple):
-    """The lengths of turns for given rates.
+    """The lengths of turns for given rates, or for several along leading axes.
 
     Attributes:
-        order: (3,) int, body axes by falling rate.
-        used: (3,) rad/s, rates in that order for which the table holds.
-        shares: (3, K, L, L), values of ``F / q_f`` as in `TurnTable`.
+        order: (..., 3) int, body axes by falling rate.
+        used: (..., 3) rad/s, rates in that order for which the table holds.
+        shares: (..., 3, K, L, L), values of ``F / q_f`` as in `TurnTable`.
     """
 
     order: AnyArray
@@ -112,7 +113,7 @@ class Lengths(NamedTuple):
     shares: AnyArray
 
     def of(self, turns: ArrayLike) -> AnyArray:
-        """Return lengths of turns, by interpolation in the table.
+        """Return lengths of turns by interpolation in the table, for rates (3,).
 
         Args:
             turns: (..., 3) rad, rotation vectors in body axes, at most pi long.
@@ -138,16 +139,18 @@ def _bilinear(
     Args:
         values: (U, V, ...) at known ratios.
         known: (U,) and (V,), the known ratios, rising.
-        ratios: the two ratios.
+        ratios: the two ratios, each of any shape.
 
     Returns:
-        (...); a ratio outside of the known ones is taken as the nearest of them.
+        An array with the axes of the ratios, then the further ones of the values; a ratio outside of the
+        known ones is taken as the nearest of them.
     """
     xp = array_module(*ratios)
-    for own, ratio in zip(known, ratios, strict=True):
-        weights = xp.stack([xp.interp(ratio, own, row) for row in np.eye(len(own))])
-        values = xp.tensordot(weights, xp.asarray(values), axes=1)
-    return values
+    each = [
+        xp.stack([xp.interp(ratio, own, row) for row in np.eye(len(own))], axis=-1)
+        for own, ratio in zip(known, ratios, strict=True)
+    ]
+    return xp.tensordot(each[0][..., :, None] * each[1][..., None, :], xp.asarray(values), axes=2)
 
 
 def _trilinear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:

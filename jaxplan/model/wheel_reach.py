@@ -137,21 +137,19 @@ def fitted_frames(craft: Spacecraft) -> AnyArray:
     )
     faces = rows @ inertia / xp.sqrt(torque * momentum)[:, None]
     form = faces.T @ faces
-    nearest = xp.argsort(-length(faces))[:_MAX_FRAMES]
-    frames = []
-    for number in range(len(nearest)):
-        face = faces[nearest[number]]
-        size = length(face)
-        first = xp.where(size > 0, face / xp.where(size > 0, size, 1), np.eye(3)[0])
-        side = xp.cross(first, xp.asarray(np.eye(3))[xp.argmin(xp.abs(first))])
-        side = side / length(side)
-        other = xp.cross(first, side)
-        twist, spread = 2 * side @ form @ other, side @ form @ side - other @ form @ other
-        even = twist**2 + spread**2 < (_EVEN * xp.trace(form)) ** 2
-        half = xp.arctan2(xp.where(even, 0, twist), xp.where(even, 1, spread)) / 2
-        second = xp.cos(half) * side + xp.sin(half) * other
-        frames.append(xp.stack([first, second, xp.cross(first, second)]))
-    return xp.stack(frames)
+    faces = faces[xp.argsort(-length(faces))[:_MAX_FRAMES]]
+    size = length(faces)[:, None]
+    first = xp.where(size > 0, faces / xp.where(size > 0, size, 1), np.eye(3)[0])
+    side = xp.cross(first, xp.asarray(np.eye(3))[xp.argmin(xp.abs(first), axis=1)])
+    side = side / length(side)[:, None]
+    other = xp.cross(first, side)
+    of_side, of_other = side @ form, other @ form
+    twist = 2 * xp.sum(of_side * other, axis=1)
+    spread = xp.sum(of_side * side - of_other * other, axis=1)
+    even = twist**2 + spread**2 < (_EVEN * xp.trace(form)) ** 2
+    half = (xp.arctan2(xp.where(even, 0, twist), xp.where(even, 1, spread)) / 2)[:, None]
+    second = xp.cos(half) * side + xp.sin(half) * other
+    return xp.stack([first, second, xp.cross(first, second)], axis=1)
 
 
 class WheelSpeeds(NamedTuple):
@@ -201,8 +199,8 @@ class WheelSpeeds(NamedTuple):
 
     def boxes(
         self, frames: AnyArray, rate: AnyArray, acceleration: AnyArray, top: AnyArray
-    ) -> Iterator[tuple[AnyArray, AnyArray, AnyArray]]:
-        """Yield for each frame bounds of angular velocity and acceleration along its axes.
+    ) -> tuple[AnyArray, AnyArray]:
+        """Return bounds of angular velocity and acceleration along the axes of frames.
 
         Args:
             frames: (f, 3, 3), three unit vectors at right angles as rows of each, such as `fitted_frames`.
@@ -210,17 +208,14 @@ class WheelSpeeds(NamedTuple):
             acceleration: (3,) rad/s^2, likewise.
             top: rad/s, bound of the length of the angular velocity.
 
-        Yields:
-            The frame (3, 3), and bounds (3,) rad/s and (3,) rad/s^2 along its axes.
+        Returns:
+            Bounds (f, 3) rad/s and (f, 3) rad/s^2.
         """
-        xp, rate, acceleration = arrays(rate, acceleration)
-        for axes in frames:
-            spread = abs(axes)
-            yield (
-                axes,
-                xp.minimum(self.rate(axes), spread @ rate),
-                xp.minimum(self.acceleration(axes, top), spread @ acceleration),
-            )
+        xp, axes, rate, acceleration = arrays(frames.reshape(-1, 3), rate, acceleration)
+        spread = xp.abs(axes)
+        limits = (self.rate(axes), spread @ rate), (self.acceleration(axes, top), spread @ acceleration)
+        rates, accelerations = (xp.minimum(*own).reshape(-1, 3) for own in limits)
+        return rates, accelerations
 
     def top(self, plane: AnyArray) -> AnyArray:
         """Return a bound, rad/s, of the length of the angular velocity's projection by a matrix (3, 3)."""

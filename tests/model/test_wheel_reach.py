@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from builders import make_spacecraft
+from quick import quick_jit
 from reference import random_units
 from scipy.optimize import linprog
 from scipy.spatial import HalfspaceIntersection
@@ -28,6 +29,9 @@ ARRAYS = {
     "twice along an axis": wheels(np.vstack([np.eye(3), [[-1, 0, 0]]]), stored=[1.0, 0, 0, 0.9]),
     **{f"{count} about random axes": random_wheels(count, seed=count) for count in (3, 4, 5, 6, 8)},
 }
+
+
+SLOPES_OF_TOPS = quick_jit(jax.grad(lambda craft: jnp.sum(platform(craft, 100.0).top), allow_int=True))
 
 
 def craft_of(array, allocation):
@@ -111,8 +115,9 @@ def test_boxes_in_fitted_frames_hold_all_that_wheels_allow(name, allocation):
         frames @ np.swapaxes(frames, 1, 2), np.tile(np.eye(3), (len(frames), 1, 1)), atol=1e-12
     )
     np.testing.assert_allclose(np.linalg.det(frames), 1.0)
-    for axes, rate, acceleration in speeds.boxes(frames, np.full(3, 9.0), np.full(3, 9.0), 0.0):
-        for which, limit in enumerate((acceleration, rate)):
+    rates, accelerations = speeds.boxes(frames, np.full(3, 9.0), np.full(3, 9.0), 0.0)
+    for axes, *limits in zip(frames, accelerations, rates, strict=True):
+        for which, limit in enumerate(limits):
             along = [farthest(craft, which, np.linalg.solve(INERTIA, axis)) for axis in axes]
             np.testing.assert_allclose(limit, along, rtol=1e-6 if name == "nearly a plane" else 1e-8)
 
@@ -167,7 +172,7 @@ def test_slopes_of_what_goals_of_least_time_go_by_are_finite(name):
     craft = craft_of(ARRAYS[name], PSEUDO_INVERSE)
     craft = replace(craft, inertia=np.diag(np.diag(INERTIA)))
     with jax.enable_x64(True):
-        slopes = jax.grad(lambda own: jnp.sum(platform(own, 100.0).top), allow_int=True)(craft)
+        slopes = SLOPES_OF_TOPS(craft)
         slopes = [slopes.inertia, *(one.axis for one in slopes.wheels)]
     assert np.all(np.isfinite(np.concatenate([np.ravel(one) for one in slopes])))
     assert np.any(slopes[0])
