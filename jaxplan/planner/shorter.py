@@ -50,6 +50,7 @@ SHORTER = 1 - 1e-4  # times the plan's duration: a motion must take less for its
 _MAX_BENT_CURVES = 1000  # curves; with more nothing is found that fewer would not find
 _FITS_PER_GUESS, _SEARCHES_PER_GUESS = 0.5, 3  # in a round, to the plan's goal
 _OTHER_SEARCHES_PER_GUESS = 1.5  # the same, of searches to each other goal
+_HELD_UP = 1.02  # times a direct motion's time; a plan that takes longer is held up by zones
 _LEAST_SHARE_OF_DIRECT = 0.9  # of the time of a direct motion, that of the best shortest ones
 _SAME_WAY_ANGLE = 0.25  # rad, of attitude and joints; a path so near to one that was fitted is the same way
 _STRAIGHT_TIME_RATIO = 1.001  # times the estimated time along the straight path; up to it a path is straight
@@ -109,11 +110,9 @@ def looks_sooner(plan: Plan, goal: Goal) -> bool:
     """
     if plan.trajectory is None or plan.goal is None or not may_be_sooner(plan, goal):
         return False
-    (own, other), taken = (
-        (_direct_time(plan.scenario, one) for one in (plan.goal, goal)),
-        plan.trajectory.duration,
-    )
-    if taken > own or is_bent(plan):
+    own, other = (_direct_time(plan.scenario, one) for one in (plan.goal, goal))
+    taken = plan.trajectory.duration
+    if taken > _HELD_UP * own or is_bent(plan):
         own = max(own, taken / _LEAST_SHARE_OF_DIRECT)
     return other < SHORTER * own
 

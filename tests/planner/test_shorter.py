@@ -6,16 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from dense import assert_kept
+from scipy.optimize import brentq
 
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.model.duration_bound import times_along
 from jaxplan.model.path import Path, halve
 from jaxplan.model.status import Status
-from jaxplan.planner.shorter import Shorter
+from jaxplan.planner.shorter import Shorter, looks_sooner, may_be_sooner
 from jaxplan.planner.steps import SearchQuery, find_goals
 from jaxplan.search import SearchResult, make_scene
 from jaxplan.trajectory import Fit
+from jaxplan.trajectory.node_times import turn_time
 
 SHORT = 40.3  # s; the first search passes the cones on the side that takes 47.8
 
@@ -97,6 +99,23 @@ def test_of_the_paths_of_a_round_only_those_that_lead_another_quick_way_are_fitt
     shorter.accept_fit(Fit(status=Status.LIMITS_TOO_TIGHT, trajectory=None, message=""))
     assert shorter.need is None
     assert shorter.plan.path is near.path
+
+
+def test_a_goal_looks_sooner_only_if_a_direct_motion_to_it_is_quicker(scene):
+    """About one axis a turn takes longer than its bound, which leaves room for turns about others."""
+    craft, start = scene.spacecraft, np.asarray(scene.start.attitude)
+    slow = np.array([1.7, 0.0, 0.0])
+    diagonal = np.ones(3) * brentq(
+        lambda a: turn_time(a * np.ones(3), craft) / turn_time(slow, craft) - 0.97, 0.1, 3
+    )
+    attitudes = {"own": diagonal, "slow": slow, "near": 0.98 * diagonal}
+    goals = {name: start @ so3.exp(turn) for name, turn in attitudes.items()}
+    to_own = jp.GivenState(rotation_vector=so3.log(goals["own"]), joints=np.zeros(0))
+    plan = jp.plan(replace(scene, goal=to_own, keep_out=()))
+    slow, near = (replace(plan.goal, attitude=goals[name]) for name in ("slow", "near"))
+    assert may_be_sooner(plan, slow)
+    assert not looks_sooner(plan, slow)
+    assert looks_sooner(plan, near)
 
 
 def test_a_round_searches_for_ways_to_other_goals_too_and_fits_the_quickest_to_any(scene):
