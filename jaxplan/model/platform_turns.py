@@ -23,7 +23,7 @@ are at most ``J^-1`` times the reach of the momenta plus ``|H|``, the accelerati
 reach of the torques plus ``|w| |H|``; in the energy the torque that turns ``H`` does no work. The lengths of
 both, and of their parts across a body axis, are at most those at the corners of the reach, which are smaller
 than the diagonals of boxes. A box about the body axes is much larger than the reach of slanted wheels; so
-there are boxes in other axes as well, each along a face of the reach (`wheel_reach.fitted_frames`).
+there are boxes in other axes as well, each with a side along a face (`wheel_reach.fitted_frames`).
 
 If stages of gimbals have an inertia, ``J`` depends on the joints, and moving joints carry momentum and push
 back. `jaxplan.model.inertia_bounds` bounds these: with ``d = J - J_c`` the momentum is ``J_c w + (d w + p)``,
@@ -43,7 +43,9 @@ both; in the axes of wheels' faces those of the accelerations. Radians, seconds,
 
 from collections.abc import Iterator
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
+import jax
 import numpy as np
 
 from jaxplan import so3
@@ -63,7 +65,6 @@ from jaxplan.model.quadratic import (
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import Lengths, turn_table
 from jaxplan.model.wheel_reach import WheelSpeeds, fitted_frames, reaches
-from jaxplan.runtime.compute_once import made_once
 
 _RATIO_TOLERANCE = (
     1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
@@ -185,14 +186,22 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
         yield measure.way(turns)
 
 
-@made_once
+# Beside the spacecraft and not in them, since their tables are large and spacecraft are sent to workers.
+_known_at_rest: WeakKeyDictionary[Spacecraft, list[_Measure]] = WeakKeyDictionary()
+
+
 def _measures_at_rest(craft: Spacecraft) -> list[_Measure]:
-    """Return the measures of turns from rest to rest, of platform and joints."""
-    return list(_measures(craft, Ends()))
+    """Return the measures of turns of a platform that rests at both ends, kept unless JAX traces them."""
+    known = _known_at_rest.get(craft)
+    if known is None:
+        known = list(_measures(craft, Ends()))
+        if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(known)):
+            _known_at_rest[craft] = known
+    return known
 
 
 def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
-    """Yield the measures of turns; arguments are those of `ways_of_platform`."""
+    """Yield the measures of turns of a spacecraft's platform with a motion `ends` at both ends."""
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
     norms, name, spins = (longest(craft, 1), longest(craft, 2)), RATES, ends.spins

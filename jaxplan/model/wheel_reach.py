@@ -121,10 +121,11 @@ def reaches(craft: Spacecraft) -> tuple[Reach, Reach]:
 
 @made_once
 def fitted_frames(craft: Spacecraft) -> AnyArray:
-    """Return frames (f, 3, 3) in which boxes fit the angular velocities that wheels allow closely.
+    """Return frames (f, 3, 3) in which boxes closely fit what angular velocities and accelerations can be.
 
-    The first axis of each, its first row, is at right angles to one of the nearest faces of that set. The
-    others are the principal axes of the squares of all faces, as they look along the first.
+    The first axis of each, its first row, is at right angles to one of the nearest faces of these sets, whose
+    faces are parallel; a face that there is not gives the body's x axis. The other two are the principal axes
+    of the squares of all faces, as they look along the first.
 
     Raises:
         ValueError: if there are no wheels.

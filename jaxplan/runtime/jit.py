@@ -66,7 +66,7 @@ _COMPILE_EVENTS = (
 _KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
 _MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
 _MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
-_LONGEST_WAIT = 1.0  # s, for another thread's trace to end; then both go on
+_LONGEST_WAIT = 1.0  # s, for another thread's trace to end; then all go on
 
 
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
@@ -196,6 +196,8 @@ def _load_or_compile(
             if kept is None:
                 known = known_options(**flags)  # JAX accepts options at the outermost level only
                 with _turn_to_trace(), uncollected():
+                    if not still_wanted():
+                        raise NoLongerWantedError
                     lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
                 if not still_wanted():
                     raise NoLongerWantedError
@@ -209,10 +211,10 @@ _tracing = threading.RLock()
 
 @contextmanager
 def _turn_to_trace() -> Iterator[None]:
-    """Trace and lower in a with block while no other thread does, so that the first can be compiled early.
+    """Trace and lower in a with block after other threads, so that the first kernel is compiled early.
 
-    Threads that trace at once hold each other up, since only one can run Python. Where the wait gets long
-    both go on: what the other thread needs might be a kernel that this one is to compile.
+    Threads that trace at once hold each other up, since only one can run Python. After `_LONGEST_WAIT` all
+    that wait go on: what the other thread needs might be a kernel that this one is to compile.
     """
     own = _tracing.acquire(timeout=_LONGEST_WAIT)
     try:

@@ -35,7 +35,7 @@ from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 Quantity = Callable[[Samples], Array]
 
 _PIECE_SAMPLES, _TOTAL_SAMPLES = 12, 600  # least number on each piece, and about that on a whole trajectory
-_GAUSS_NODES = 16  # nodes of Gauss' rule on each piece
+_GAUSS_NODES = 16  # nodes of Gauss' rule on each piece; on the paper's long ones effort is good to 5e-11
 _SAMPLING_ROUNDS = 4  # rounds of samples: the first over the whole trajectory, the others about the extreme
 
 

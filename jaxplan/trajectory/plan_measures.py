@@ -2,7 +2,8 @@
 
 Outside of what JAX traces, a measure and its gradient are a compiled kernel each: otherwise `jax.grad` would
 compile one for each of the hundreds of operations that they take. A plan may be given in place of its
-trajectory; then its own spacecraft and zones are used where none are given.
+trajectory; then its own spacecraft and zones are used where none are given. Other functions of numbers run in
+the same way, such as the bounds and optima that slopes of days are made of.
 
 In this module *numbers* are the leaves of a measure's arguments that can be differentiated, and a *way* is a
 tangent, that is, a direction in which they change.
@@ -130,6 +131,8 @@ def at_once(
 
     def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
         name, parameters = measure.__name__, signature(measure)
+        if _MEASURES.setdefault(name, measure).__module__ != measure.__module__:
+            raise ValueError(f"{measure.__module__}.{name}: there is another measure of this name")
         _MEASURES[name] = measure
         if of_arrays:
             _ARRAY_MEASURES.add(name)

@@ -123,13 +123,13 @@ def test_boxes_in_fitted_frames_hold_all_that_wheels_allow(name, allocation):
 
 
 @pytest.mark.parametrize("allocation", [PSEUDO_INVERSE, MINIMAX])
-def test_bounds_of_short_turns_are_what_a_turn_about_one_axis_takes(allocation):
+def test_bounds_of_short_turns_are_near_what_a_turn_about_one_axis_takes(allocation):
     """On short turns nothing is gained by turning about other axes on the way, whatever wheels allow."""
     rng = np.random.default_rng(9)
     for axes in (PYRAMID, random_units(rng, 3), random_units(rng, 4)):
         craft = craft_of(wheels(axes), allocation)
         craft = replace(craft, rate_limit=1.0, acceleration_limit=1.0)
-        for size, least in ((0.02, 0.9), (1.0, 0.65)):
+        for size, least in ((0.02, 0.9), (1.0, 0.66)):
             turns = random_units(rng, 40) * size
             bounds = rest_bounds(craft, turns, np.zeros((40, 2)))
             takes = np.array([turn_time(turn, craft) for turn in turns])
