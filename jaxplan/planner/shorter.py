@@ -107,8 +107,8 @@ def looks_sooner(plan: Plan, goal: Goal) -> bool:
 
     Lower bounds are loose, by other shares for other goals. So a goal is dropped if its direct motion takes
     longer than that to the plan's own goal. If the plan is held up, the other goal's shortest motion is taken
-    to be quicker than its direct one by as much as good ones are. That is a guess, and might drop a goal that
-    is reached sooner; among random scenes it dropped none. Where start or end move it is not made.
+    to be quicker than its direct one by as much as good ones are. That is a guess, which may drop a goal that
+    is reached sooner. Where start or end move it is not made.
     """
     scenario, start, ends = plan.scenario, plan.scenario.start, end_rates(plan.scenario, goal)
     if plan.trajectory is None or plan.goal is None or not may_be_sooner(plan, goal):
@@ -190,9 +190,8 @@ class Shorter:
         if plan.goal is None or plan.path is None:
             raise RuntimeError("a certified plan has a goal and a path")
         self.plan = plan
-        self._goals_left = sorted(
-            goals, key=partial(_direct_time, plan.scenario)
-        )  # those likely to be quick first
+        # those likely to be quick come first
+        self._goals_left = sorted(goals, key=partial(_direct_time, plan.scenario))
         self._own_way = _Way(plan.goal, scene, [plan.path])  # to the goal of the plan
         self._ways = [self._own_way]  # to all goals that were tried
         self._is_trying_goals = True  # whether other goals are being tried, each along its first path
@@ -304,7 +303,7 @@ class Shorter:
         return False
 
     def _is_worth_trying(self, goal: Goal) -> bool:
-        """Whether to plan to another goal: if it looks sooner or, with time to spare, if it may be sooner."""
+        """Tell whether another goal looks sooner or, while time is left for improvement, may be sooner."""
         spare = time.monotonic() < self._improve_until
         return may_be_sooner(self.plan, goal) if spare else looks_sooner(self.plan, goal)
 

@@ -187,13 +187,7 @@ def _integrate_squares(trajectory: Trajectory, order: int) -> Array:
     joint_times, joint_weights = _gauss_nodes(ends)
     on = jnp.asarray(trajectory.joint_coefficients)[:, None], ends[:-1, None], ends[1:, None]
     of_joints = polynomial(*on, joint_times)[order]
-    return sum(
-        (
-            jnp.sum(weight[..., None] * jnp.asarray(derivative) ** 2)
-            for weight, derivative in ((weights, of_platform), (joint_weights, of_joints))
-        ),
-        jnp.zeros(()),
-    )
+    return jnp.sum(weights[..., None] * of_platform**2) + jnp.sum(joint_weights[..., None] * of_joints**2)
 
 
 @of_plans

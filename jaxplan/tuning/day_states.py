@@ -207,10 +207,10 @@ def _optimum(
         begin: s, when it begins.
         before: attitude and joints of the state before.
         near: attitude and joints of the optimum in the plan.
-        moves: as of `Pointed`, as are those that follow.
-        met: places of wishes.
-        turns: of masks.
-        roomy: whether room is kept.
+        moves: how devices without a target have moved out of the way, see `Pointed`.
+        met: places of the wishes that are met, in `Targets.prefer`.
+        turns: whole turns of the yaw after which each mask is met again.
+        roomy: whether extra room is kept, see `with_room`.
     """
     craft, wanted = scene.usable, replace(targets.at(begin), criterion=LEAST_ROTATION)
     if roomy:

@@ -82,3 +82,37 @@ def test_no_garbage_is_looked_for_while_kernels_are_traced_and_all_is_as_before_
         assert gc.isenabled() == before
     finally:
         (gc.enable if enabled else gc.disable)()
+
+
+def test_a_kernel_is_compiled_although_another_trace_does_not_end(monkeypatch):
+    """What that trace waits for may be this kernel; and a trace that fails holds nobody up."""
+    monkeypatch.setattr(quick, "_LONGEST_WAIT", 0.05)
+    begun, over, told = threading.Event(), threading.Event(), []
+
+    def trace():
+        with quick._turn_to_trace():
+            begun.set()
+            told.append(over.wait(20))
+
+    other = threading.Thread(target=trace)
+    other.start()
+    try:
+        assert begun.wait(60)
+        assert float(quick_jit(lambda x: x + 1)(1.5)) == 2.5
+    finally:
+        over.set()
+        other.join()
+    assert told == [True]  # the kernel came before the trace gave up
+    with pytest.raises(KeyError), quick._turn_to_trace():
+        raise KeyError
+    free = []
+
+    def trace_again():
+        if quick._tracing.acquire(timeout=5):
+            free.append(True)
+            quick._tracing.release()
+
+    again = threading.Thread(target=trace_again)
+    again.start()
+    again.join()
+    assert free
