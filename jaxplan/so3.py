@@ -6,9 +6,9 @@ exponential coordinates, ``R = exp(w^)``, where ``w^`` is `hat` of ``w``. Angula
 arguments and in their dtype (`jaxplan.geometry.vectors`), and composes with ``jit``, ``vmap`` and ``grad``.
 
 The coefficients of these formulas are even functions of the rotation angle, so they are computed as smooth
-functions of its square: below one radian by their series, above by the closed form. That keeps values and
-first derivatives accurate down to zero, where the closed forms as printed lose all digits (Lemma 3 of the
-paper, with the sign and the threshold of its errata). The logarithm goes through the unit quaternion
+functions of its square: where the closed forms as printed lose all digits near zero (Lemma 3 of the paper,
+with the sign and the threshold of its errata), by their series below one radian. That keeps values and
+derivatives accurate down to zero. The logarithm goes through the unit quaternion
 (`jaxplan.geometry.quaternion`), which needs no branch near half a turn.
 """
 
@@ -16,6 +16,7 @@ from math import factorial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.geometry import quaternion
@@ -50,20 +51,21 @@ def _stumpff(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
 def _stumpff_values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
     """Evaluate the first `last` functions of `_stumpff` at squares (...) rad^2, without derivatives."""
     xp = array_module(square)
+    least = np.finfo(square.dtype).tiny
+    angle = xp.sqrt(xp.where(square < least, least, square))
+    half_sinc = xp.sin(angle / 2) / angle
+    closed = [xp.sin(angle) / angle, 2 * half_sinc * half_sinc]  # accurate down to zero, unlike the others
+    if last == 2:
+        return tuple(closed)
     small = square < 1
-    near, safe = (
-        xp.where(small, square, 0),
-        xp.where(small, 1, square),
-    )  # arguments for which each form is accurate
-    theta = xp.sqrt(safe)
-    half_sinc = xp.sin(theta / 2) / theta
-    far = [xp.sin(theta) / theta, 2 * half_sinc * half_sinc]
+    near, far = xp.where(small, square, 0), xp.where(small, 1, square)  # where each form is accurate
     for n in range(1, last - 1):
-        far.append((1 / factorial(n) - far[n - 1]) / safe)
-    by_series = [_stumpff_series(near, last), _stumpff_series(near, last - 1)]
-    for n in range(last - 2, 0, -1):
+        closed.append((1 / factorial(n) - closed[n - 1]) / far)
+    by_series = [_stumpff_series(near, n) for n in range(last, max(last - 2, 2), -1)]
+    for n in range(last - 2, 2, -1):
         by_series.append(1 / factorial(n) - near * by_series[-2])
-    return tuple(xp.where(small, *both) for both in zip(reversed(by_series), far, strict=True))
+    chosen = (xp.where(small, *both) for both in zip(reversed(by_series), closed[2:], strict=True))
+    return *closed[:2], *chosen
 
 
 def _stumpff_series(square: AnyArray, n: int) -> AnyArray:
@@ -169,7 +171,7 @@ def exp(rotation_vector: ArrayLike) -> AnyArray:
     """
     expect_numbers("rotation_vector", rotation_vector, 3)
     xp, w = arrays(rotation_vector)
-    sinc, cosc, _ = _stumpff(xp.sum(w * w, axis=-1))
+    sinc, cosc = _stumpff(xp.sum(w * w, axis=-1), 2)
     cross = hat(w)
     identity = xp.eye(3, dtype=w.dtype)
     return identity + sinc[..., None, None] * cross + cosc[..., None, None] * _hat_square(w)

@@ -12,12 +12,27 @@ from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import AnyArray, arrays, components, unit
 
 
+def _products_of(attitude: np.ndarray) -> np.ndarray:
+    """Compute ``4 q q^T`` (4, 4) of the quaternion ``q`` of a rotation matrix (3, 3)."""
+    trace, skew = np.trace(attitude), attitude - attitude.T
+    vector = np.array([[skew[2, 1], skew[0, 2], skew[1, 0]]])
+    symmetric = attitude + attitude.T + (1 - trace) * np.eye(3)
+    return np.block([[np.array([[1 + trace]]), vector], [vector.T, symmetric]])
+
+
+# The products are a constant and a linear function of the matrix, so that they take one operation to trace.
+_PRODUCTS_OF_ZERO = _products_of(np.zeros((3, 3)))
+_PRODUCTS_PER_ENTRY = np.stack(
+    [(_products_of(entry) - _PRODUCTS_OF_ZERO).reshape(16) for entry in np.eye(9).reshape(9, 3, 3)]
+)
+
+
 def from_matrix(attitude: ArrayLike) -> AnyArray:
     """Unit quaternion of a rotation matrix.
 
-    Of the four equivalent formulas the one with the largest divisor (at least one) is used, so no digit is
-    lost at any angle. At exactly half a turn the sign of the axis is arbitrary; the largest component is made
-    positive.
+    Of the four equivalent formulas, the rows of ``4 q q^T``, the one with the largest divisor (at least one)
+    is used, so no digit is lost at any angle. At exactly half a turn the sign of the axis is arbitrary; the
+    largest component is made positive.
 
     Args:
         attitude: (..., 3, 3) rotation matrix.
@@ -26,25 +41,13 @@ def from_matrix(attitude: ArrayLike) -> AnyArray:
         (..., 4) as ``w x y z``, with ``w >= 0``.
     """
     xp, m = arrays(attitude)
-    a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    p, q, r = m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]
-    s, t, u = m[..., 1, 2], m[..., 2, 0], m[..., 0, 1]
-    squares = (1 + a + b + c, 1 + a - b - c, 1 - a + b - c, 1 - a - b + c)  # four times each component's
-    products = (  # row k: four times component k times every component
-        (squares[0], p - s, q - t, r - u),
-        (p - s, squares[1], r + u, q + t),
-        (q - t, r + u, squares[2], p + s),
-        (r - u, q + t, p + s, squares[3]),
-    )
-    # nested `where` instead of a gather: it fuses, and the sides not taken hold no division or root
-    largest, row = squares[0], xp.stack(products[0], axis=-1)
-    for square, candidate in zip(squares[1:], products[1:], strict=True):
-        larger = square > largest
-        if xp is np and not np.any(larger):
-            continue
-        largest = xp.where(larger, square, largest)
-        row = xp.where(larger[..., None], xp.stack(candidate, axis=-1), row)
-    quaternion = row / (2 * xp.sqrt(largest))[..., None]
+    constant, per_entry = (xp.asarray(one, m.dtype) for one in (_PRODUCTS_OF_ZERO, _PRODUCTS_PER_ENTRY))
+    leading = m.shape[:-2]
+    products = (m.reshape(*leading, 9) @ per_entry).reshape(*leading, 4, 4) + constant
+    squares = products.reshape(*leading, 16)[..., ::5]
+    largest = (xp.argmax(squares, axis=-1)[..., None] == np.arange(4)).astype(m.dtype)
+    row = xp.einsum("...k,...kc->...c", largest, products)
+    quaternion = row / (2 * xp.sqrt(xp.sum(largest * row, axis=-1, keepdims=True)))
     return xp.where(quaternion[..., :1] < 0, -quaternion, quaternion)
 
 
