@@ -91,13 +91,13 @@ def geodetic(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         place: (..., 3) km along axes that are fixed to the Earth, not at its centre.
 
     Returns:
-        (...) rad latitude, (...) rad longitude, positive east, in (-pi, pi], and (...) km altitude (not m);
-        NaN where a position is not finite.
+        (...) rad latitude, (...) rad longitude, positive east, in (-pi, pi], and (...) m altitude; NaN where
+        a position is not finite.
     """
     known = np.all(np.isfinite(place), axis=-1, keepdims=True)
     metres = np.where(known, place, [EARTH_RADIUS, 0.0, 0.0]) * 1e3
     east, latitude, height = library("erfa").gc2gde(EARTH_RADIUS * 1e3, _FLATTENING, metres)
-    found = np.where(known, np.stack([latitude, east, height * 1e-3], axis=-1), np.nan)
+    found = np.where(known, np.stack([latitude, east, height], axis=-1), np.nan)
     return found[..., 0], found[..., 1], found[..., 2]
 
 

@@ -101,8 +101,12 @@ def test_of_the_paths_of_a_round_only_those_that_lead_another_quick_way_are_fitt
     assert shorter.plan.path is near.path
 
 
-def test_a_goal_looks_sooner_only_if_a_direct_motion_to_it_is_quicker(scene):
-    """About one axis a turn takes longer than its bound, which leaves room for turns about others."""
+@pytest.fixture(scope="module")
+def plan_and_goals(scene):
+    """A plan without zones, and goals slightly slower and quicker to reach directly, with lower bounds below.
+
+    About one axis a turn takes longer than its bound, which leaves room for turns about others.
+    """
     craft, start = scene.spacecraft, np.asarray(scene.start.attitude)
     slow = np.array([1.7, 0.0, 0.0])
     diagonal = np.ones(3) * brentq(
@@ -112,10 +116,36 @@ def test_a_goal_looks_sooner_only_if_a_direct_motion_to_it_is_quicker(scene):
     goals = {name: start @ so3.exp(turn) for name, turn in attitudes.items()}
     to_own = jp.GivenState(rotation_vector=so3.log(goals["own"]), joints=np.zeros(0))
     plan = jp.plan(replace(scene, goal=to_own, keep_out=()))
-    slow, near = (replace(plan.goal, attitude=goals[name]) for name in ("slow", "near"))
+    return plan, *(replace(plan.goal, attitude=goals[name]) for name in ("slow", "near"))
+
+
+def test_a_goal_looks_sooner_only_if_a_direct_motion_to_it_is_quicker(plan_and_goals):
+    plan, slow, near = plan_and_goals
     assert may_be_sooner(plan, slow)
     assert not looks_sooner(plan, slow)
     assert looks_sooner(plan, near)
+
+
+def test_a_goal_that_is_slower_to_reach_directly_looks_sooner_where_something_holds_the_plan_up(
+    plan_and_goals,
+):
+    plan, slow, _ = plan_and_goals
+    path = plan.path
+    aside = path.attitudes[0] @ so3.exp(np.array([0.0, 0.4, 0.0]))
+    bent = replace(
+        path,
+        attitudes=np.stack([path.attitudes[0], aside, path.attitudes[-1]]),
+        joints=np.zeros((3, 0)),
+        edge_costs=np.ones(2),
+    )
+    assert looks_sooner(replace(plan, trajectory=plan.trajectory.scaled(1.05)), slow)
+    assert looks_sooner(replace(plan, path=bent), slow)
+
+
+def test_direct_motions_say_nothing_of_a_start_that_turns(plan_and_goals):
+    plan, slow, _ = plan_and_goals
+    turning = replace(plan.scenario.start, angular_velocity=np.array([1e-6, 0.0, 0.0]))
+    assert looks_sooner(replace(plan, scenario=replace(plan.scenario, start=turning)), slow)
 
 
 def test_a_round_searches_for_ways_to_other_goals_too_and_fits_the_quickest_to_any(scene):
