@@ -156,9 +156,12 @@ def _ways_between(
 
     Arguments are as for `moving_bound`.
     """
-    _, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
+    xp, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
     turn = so3.log(attitudes[0].T @ attitudes[1])
-    ways = list(ways_of_platform(craft, turn, Ends(spins if turning else None, joints, rates)))
+    ends = Ends(spins if turning else None, joints, rates)
+    if not turning and (craft.stages is None or (xp is np and not np.any(rates))):
+        ends = Ends()  # the joints have no influence, and what is known of the spacecraft is used
+    ways = list(ways_of_platform(craft, turn, ends))
     return [*ways, *ways_of_joints(craft, joints[1] - joints[0], rates)]
 
 

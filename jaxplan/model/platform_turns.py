@@ -151,7 +151,7 @@ class _EnergyLength(NamedTuple):
         return greatest_of(rows)
 
 
-class _Measure(NamedTuple):
+class _LengthLimits(NamedTuple):
     """A length of turns with limits of the speed along it: a way before the turn is known, see `Way`."""
 
     name: str
@@ -182,26 +182,26 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
         ends: the motion at both ends.
     """
     still = all(part is None for part in ends)
-    for measure in _measures_at_rest(craft) if still else _measures(craft, ends):
-        yield measure.way(turns)
+    for own in _limits_at_rest(craft) if still else _length_limits(craft, ends):
+        yield own.way(turns)
 
 
 # Beside the spacecraft and not in them, since their tables are large and spacecraft are sent to workers.
-_known_at_rest: WeakKeyDictionary[Spacecraft, list[_Measure]] = WeakKeyDictionary()
+_known_at_rest: WeakKeyDictionary[Spacecraft, list[_LengthLimits]] = WeakKeyDictionary()
 
 
-def _measures_at_rest(craft: Spacecraft) -> list[_Measure]:
-    """Return the measures of turns of a platform that rests at both ends, kept unless JAX traces them."""
+def _limits_at_rest(craft: Spacecraft) -> list[_LengthLimits]:
+    """Return `_length_limits` of a platform that rests at both ends, kept unless JAX traces them."""
     known = _known_at_rest.get(craft)
     if known is None:
-        known = list(_measures(craft, Ends()))
+        known = list(_length_limits(craft, Ends()))
         if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(known)):
             _known_at_rest[craft] = known
     return known
 
 
-def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
-    """Yield the measures of turns of a spacecraft's platform with a motion `ends` at both ends."""
+def _length_limits(craft: Spacecraft, ends: Ends) -> Iterator[_LengthLimits]:
+    """Yield lengths of turns with their limits, for a spacecraft with a motion `ends` at both ends."""
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
     norms, name, spins = (longest(craft, 1), longest(craft, 2)), RATES, ends.spins
@@ -217,7 +217,7 @@ def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
     if craft.wheel_array is not None:
         array, body, total = craft.wheel_array, inertia_bounds(craft), _total_momentum(craft, ends)
         own = WheelSpeeds.of(craft, total, body.middle)
-        yield _energy_measure(craft, body, given, norms, ends)
+        yield _energy_limits(craft, body, given, norms, ends)
         if craft.stages is not None:
             most = most_by(
                 norms[0],
@@ -238,7 +238,7 @@ def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
         across = [own.top(plane) for plane in planes], [own.growth(plane, top) for plane in planes]
     if "torque" in given:
         body = inertia_bounds(craft)
-        yield _energy_measure(craft, body, given, norms, ends)
+        yield _energy_limits(craft, body, given, norms, ends)
         at_rest, gyroscopic, later = _accelerations_by_torque(body.middle, given["torque"])
         xp, acceleration, at_rest, later = arrays(acceleration, at_rest, later)
         if craft.stages is not None:
@@ -249,7 +249,7 @@ def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
             at_rest = at_rest + length(inverse_of(body.middle)) * (push + body.off * most)
         elif spins is None:
             slower = at_rest < acceleration
-            yield from _box_measures(
+            yield from _limits_in_boxes(
                 TORQUE,
                 None,
                 rate,
@@ -257,26 +257,26 @@ def _measures(craft: Spacecraft, ends: Ends) -> Iterator[_Measure]:
                 xp.where(slower, later, 0),
             )
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
-    yield from _box_measures(name, spins, rate, acceleration)
+    yield from _limits_in_boxes(name, spins, rate, acceleration)
     if own is not None:
         frames = fitted_frames(craft)
         every = own.boxes(frames, rate, acceleration, norms[0])
         lengths = turn_table("box").lengths(every[1])
         for number, (axes, rates, growths) in enumerate(zip(frames, *every, strict=True)):
             of_frame = _BoxLength(axes, Lengths(*(part[number] for part in lengths)))
-            yield _box_measure(name, spins, of_frame, growths, rates, growths)
+            yield _limits_in_box(name, spins, of_frame, growths, rates, growths)
     speeds = None if spins is None else length(spins)
-    yield _Measure(RATES if across is None else name, _Angle(), *norms, speeds=speeds)
-    yield from _axis_measures(name, spins, rate, acceleration, norms, across)
+    yield _LengthLimits(RATES if across is None else name, _Angle(), *norms, speeds=speeds)
+    yield from _axis_limits(name, spins, rate, acceleration, norms, across)
 
 
-def _box_measures(
+def _limits_in_boxes(
     name: str,
     spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
     more: AnyArray | None = None,
-) -> Iterator[_Measure]:
+) -> Iterator[_LengthLimits]:
     """Yield the lengths of turns in up to three boxes: of rates, of accelerations, and between them.
 
     Args:
@@ -293,10 +293,10 @@ def _box_measures(
         boxes += [acceleration, xp.sqrt(rate * acceleration)]
     for box in boxes:
         along = _BoxLength(np.eye(3), turn_table("box").lengths(box))
-        yield _box_measure(name, spins, along, box, rate, acceleration, more)
+        yield _limits_in_box(name, spins, along, box, rate, acceleration, more)
 
 
-def _box_measure(
+def _limits_in_box(
     name: str,
     spins: AnyArray | None,
     along: _BoxLength,
@@ -304,12 +304,12 @@ def _box_measure(
     rate: AnyArray,
     acceleration: AnyArray,
     more: AnyArray | None = None,
-) -> _Measure:
+) -> _LengthLimits:
     """Return the length `along` of turns in a box with half sides (3,).
 
-    The other arguments are those of `_box_measures`, with limits along the axes of the box.
+    The other arguments are those of `_limits_in_boxes`, with limits along the axes of the box.
     """
-    return _Measure(
+    return _LengthLimits(
         name=name,
         length=along,
         top=max_along(rate / box, -1),
@@ -319,14 +319,14 @@ def _box_measure(
     )
 
 
-def _axis_measures(
+def _axis_limits(
     name: str,
     spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
     of_wheels: tuple[list[AnyArray], list[AnyArray]] | None,
-) -> Iterator[_Measure]:
+) -> Iterator[_LengthLimits]:
     """Yield for each body axis the angle between its directions at start and end.
 
     Turns about the axis itself do not change that angle.
@@ -348,7 +348,7 @@ def _axis_measures(
         if of_wheels is not None:
             top, growth = xp.minimum(top, of_wheels[0][axis]), xp.minimum(growth, of_wheels[1][axis])
         speeds = None if spins is None else length(spins[:, across])
-        yield _Measure(name, _Angle(axis), top, growth, speeds=speeds)
+        yield _LengthLimits(name, _Angle(axis), top, growth, speeds=speeds)
 
 
 def _axis_angles(turns: AnyArray) -> AnyArray:
@@ -357,13 +357,13 @@ def _axis_angles(turns: AnyArray) -> AnyArray:
     return separation(np.eye(3, dtype=turned.dtype), array_module(turned).swapaxes(turned, -1, -2))
 
 
-def _energy_measure(
+def _energy_limits(
     craft: Spacecraft,
     body: InertiaBounds,
     given: dict[str, AnyArray],
     norms: tuple[AnyArray, AnyArray],
     ends: Ends,
-) -> _Measure:
+) -> _LengthLimits:
     """Return the length of turns along which the speed is ``sqrt(w . J w)``.
 
     Args:
@@ -399,7 +399,7 @@ def _energy_measure(
         speeds = sizes_by(spins, least)
     elif spins is not None:
         speeds = roots_of((spins * ends.momenta(craft, still=True)).sum(axis=1))
-    return _Measure(
+    return _LengthLimits(
         name=ENERGY,
         length=_EnergyLength(roots, axes, turn_table("ellipsoid").lengths(1 / roots)),
         top=min_along(xp.stack(tops), 0),

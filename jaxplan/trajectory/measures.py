@@ -27,9 +27,10 @@ from jaxplan.model.constraints import Constraints, constraint_margins, state_mar
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_reach import wheel_loads
+from jaxplan.runtime.at_once import at_once
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, platform, polynomial, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
-from jaxplan.trajectory.plan_measures import at_once, of_plans
+from jaxplan.trajectory.plan_measures import of_plans
 from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]

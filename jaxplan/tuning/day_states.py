@@ -34,11 +34,11 @@ from jaxplan.model.path import Goal
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import Turns, masks
+from jaxplan.runtime.at_once import at_once
 from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.motions import Motion, with_room
 from jaxplan.timeline.track_derivative import Track, ends_of, track_of
 from jaxplan.timeline.tracking import State
-from jaxplan.trajectory.plan_measures import at_once
 
 _LEAST_ENERGY_ADVICE = "set trajectory.optimal = true, or give it an attitude"
 TARGETS_MOVE = f"its targets, zones or wishes make it move: {_LEAST_ENERGY_ADVICE}"
