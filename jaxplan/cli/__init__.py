@@ -361,7 +361,7 @@ def _add_timeline(commands: Any) -> None:
         "-o",
         "--out",
         metavar="DIR",
-        help="write plan.npz, timeline.toml, activities.csv, segments.csv, events.csv and figures there",
+        help="write plan.npz, timeline.toml, four tables (activities.csv and others) and figures there",
     )
     timeline.add_argument(
         "--go-on", action="store_true", help="plan the rest, too, where an activity cannot be done"

@@ -328,7 +328,7 @@ def test_all_activities_without_derivatives_are_named_with_their_reasons():
 
 def test_no_shortest_motion_is_looked_for_where_an_activity_is_refused_anyway(monkeypatch):
     plan = planned("far")
-    monkeypatch.setattr(days, "_expand_time", never)
+    monkeypatch.setattr(days, "expand_time", never)
     monkeypatch.setattr(days, "_state_rule", odd)
     with pytest.raises(ValueError, match="it is odd"):
         jp.sensitivities(plan)
