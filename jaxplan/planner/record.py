@@ -125,11 +125,11 @@ class Plan:
 
     @property
     def explained(self) -> float | None:
-        """`duration_bound` as a fraction of the duration; None without a trajectory.
+        """`duration_bound` as a fraction of the duration; None without a trajectory, or if nothing moves.
 
         It is at most 1 where the trajectory keeps the limits.
         """
-        if self.trajectory is None or self._bound is None:
+        if self.trajectory is None or self._bound is None or not self.trajectory.duration:
             return None
         return self._bound.seconds / self.trajectory.duration
 

@@ -93,7 +93,9 @@ def quick_jit(
         The same function, jitted.
     """
     traced, static = jax.jit(function, **options), _static_arguments(function, **options)
-    flags = _QUICK_OPTIONS if level is None else _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
+    asked = _QUICK_OPTIONS if level is None else _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
+    told = os.environ.get("XLA_FLAGS", "")  # what is told there, such as tests do, holds for all kernels
+    flags = {name: value for name, value in asked.items() if f"--{name}=" not in told}
     known: dict[Hashable, Callable[..., Answer]] = {}
     _known_kernels.append(known)
     turn = threading.RLock()

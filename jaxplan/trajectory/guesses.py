@@ -93,6 +93,14 @@ def in_time(attempt: Attempt, duration: float, *, tighter: float) -> InitialGues
     return first_curve(attempt.problem, mesh, duration, "given", tighter=tighter, coefficients=curve)
 
 
+def shorter(attempt: Attempt) -> InitialGuess | None:
+    """An attempt's curve on its breaks, from which the shortest motion near it is looked for."""
+    own = attempt.solution
+    return first_curve(
+        attempt.problem, attempt.discrete.mesh, own.duration, "shortest", coefficients=own.coefficients
+    )
+
+
 def along(problem: FitProblem) -> InitialGuess | None:
     """The curve nearest to a problem's path, on few intervals; None if its nodes leave every chart."""
     mesh = _tubeless_mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))

@@ -52,6 +52,11 @@ class Attempt:
         return self.discrete.problem
 
     @property
+    def duration(self) -> float:
+        """Duration of the trajectory in s."""
+        return self.trajectory.duration
+
+    @property
     def radius(self) -> float:
         """Radius in rad of the tube that was tried; 0 for nodes passed exactly, inf for no tube."""
         return self.discrete.mesh.radius
@@ -81,6 +86,11 @@ class Attempt:
         return bool(self.solution.violations[TUBE] <= _TUBE_TOLERANCE)
 
     @property
+    def may_leave_tube(self) -> bool:
+        """Whether the tube that was tried is not one that the settings ask for."""
+        return bool(np.isfinite(self.radius)) and self.problem.settings.node_tube is None
+
+    @property
     def sound(self) -> bool:
         """Whether zones, joint ranges and the tube are kept, and limits are kept at least if slowed down."""
         return self.clear and self.peaks.in_range and self.in_tube and self.possible
@@ -94,6 +104,11 @@ class Attempt:
     def kept(self) -> bool:
         """Whether all limits of rates, loads and joint ranges are kept."""
         return self.peaks.kept and self.peaks.in_range
+
+    @property
+    def good(self) -> bool:
+        """Whether it is sound and keeps all limits as it is."""
+        return self.sound and self.kept
 
     @property
     def needed(self) -> float:

@@ -14,6 +14,7 @@ are used where none are given.
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import jax
@@ -27,6 +28,7 @@ from jaxplan.model.constraints import Constraints, constraint_margins, state_mar
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_reach import wheel_loads
+from jaxplan.runtime.arguments import show
 from jaxplan.runtime.at_once import at_once
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, platform, polynomial, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
@@ -96,7 +98,9 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     state = first, jnp.max(jnp.diff(jnp.sort(first))), first[0], jnp.array(True)
     _, _, best, sound = jax.lax.fori_loop(0, _SAMPLING_ROUNDS, look, state)
     # The fraction of the duration is held, and not the time, since a peak at a break moves with the break.
-    moving = best + (duration(trajectory) - duration(held)) * (best / duration(held))
+    whole = duration(held)
+    share = jnp.where(whole > 0, best / jnp.where(whole > 0, whole, 1), 0)
+    moving = best + (duration(trajectory) - whole) * share
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
 
@@ -111,7 +115,11 @@ def peak(trajectory: Trajectory, field: str) -> Array:
 
     Returns:
         A number in the field's unit, such as rad/s^2; zero where there is no component.
+
+    Raises:
+        ValueError: if there is no such field.
     """
+    _expect_field(field)
     return largest(trajectory, lambda samples: _max_or_nan(jnp.abs(getattr(samples, field))))
 
 
@@ -126,15 +134,32 @@ def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
         power: even; the larger it is, the nearer the mean is to the peak, from below.
 
     Returns:
-        A number in the field's unit.
+        A number in the field's unit; zero where nothing moves or there is no component.
+
+    Raises:
+        ValueError: if there is no such field, or the power is no even number of at least 2.
     """
+    _expect_field(field)
+    if type(power) is not int or power < 2 or power % 2:
+        raise ValueError(f"power = {show(power)}: must be an even number of at least 2")
+    largest_held = jax.lax.stop_gradient(peak(trajectory, field))
+    moves = largest_held != 0  # which also holds for NaN
+    scale = jnp.where(moves, largest_held, 1)
 
     def scaled(samples: Samples) -> Array:
-        return jnp.mean((getattr(samples, field) / largest_held) ** power, axis=-1)
+        values = getattr(samples, field)
+        return jnp.sum((values / scale) ** power, axis=-1) / max(values.shape[-1], 1)
 
-    largest_held = jax.lax.stop_gradient(peak(trajectory, field))
-    mean = integral(trajectory, scaled) / duration(trajectory)
-    return largest_held * mean ** (1 / power)
+    whole = duration(trajectory)
+    mean = integral(trajectory, scaled) / jnp.where(whole > 0, whole, 1)
+    return jnp.where(moves, scale * jnp.where(moves, mean, 1) ** (1 / power), 0)
+
+
+def _expect_field(field: str) -> None:
+    """Raise a ValueError for what is no name of a vector in `Samples`."""
+    names = [each.name for each in fields(Samples) if each.name != "attitude"]
+    if field not in names:
+        raise ValueError(f"field = {show(field)}: must be one of {', '.join(names)}")
 
 
 @of_plans
@@ -234,8 +259,13 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes.
 
-    The spacecraft's inertia must be set; see `torque`.
+    See `torque`.
+
+    Raises:
+        ValueError: if the spacecraft's inertia is not set.
     """
+    if craft.inertia is None:
+        raise ValueError("craft: the torque needs spacecraft.inertia_kg_m2, which is not set")
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: _max_or_nan(jnp.abs(torque(samples, craft, total))))
 

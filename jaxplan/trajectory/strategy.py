@@ -15,7 +15,6 @@ strict lower bound of the duration.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import guesses, node_times
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, checked, fit_each
 from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
+from jaxplan.trajectory.moving_ends import MovingEnds
 from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.outcome import better, beyond_charts, full_at_goal, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY
@@ -35,10 +35,7 @@ from jaxplan.trajectory.sqp import InitialGuess
 
 _RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may exceed it
 _UNUSED_LIMIT_SHARES = (1e-3, 1e-2)  # of the limits, left unused at places in first and further attempts
-_DURATION_FACTOR = 1.02  # factor from one duration to the next in the search for one that is long enough
-_MAX_DURATION_FACTOR = 1.1  # largest such factor in one step, for motions with rates at the ends
 _DURATION_ROUNDING = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
-_MAX_DURATIONS = 8  # most durations that are tried
 _SLOW_RATIO = 2.0  # times the bound; if longer, a stretched motion is tried without a tube as well
 _DETOUR_RATIO = 1.1  # times the bound; if longer, a shortest motion is compared with a stretched one
 _HURRY_RATIO = 0.97  # of the quickest time along the nodes; in less time they are only a first guess
@@ -69,7 +66,7 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     - A number of seconds is kept.
     - "stretched" fits at the quickest pace without limits and scales the time until the first limit binds.
       Without a tube in the settings it leaves the nodes if that takes twice the bound and a motion off them
-      is quicker. With a rate at an end it is "minimum" with the tube.
+      is quicker. With a rate at an end it is "minimum" with the tube, or without it for the same reason.
     - "minimum" looks for the shortest duration within all limits and zones; the nodes are then only a first
       guess, unless the settings give a tube.
 
@@ -135,6 +132,7 @@ class Strategy:
 
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
+        self._moving = MovingEnds(self._attempt)
 
     def fits(self, problems: Problems) -> dict[int, Fit]:
         """Make the fits in the durations that the settings ask for.
@@ -175,6 +173,8 @@ class Strategy:
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
         attempts = dict.fromkeys(problems) | self._attempt_in_time(possible, durations)
+        moving = {n: own for n, own in attempts.items() if own is not None and own.problem.at_speed}
+        attempts |= self._moving.keep_limits(moving, durations)
         fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.kept}
         # The shortest motion says whether there is one at all, and what to ask for. Where the bound says that
         # there is none, the one along the path is enough for that.
@@ -184,56 +184,28 @@ class Strategy:
         best |= self._attempt_along(hopeless, "shortest", _no_tube)
         fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
-        swift = {n: own for n, own in quickest.items() if own.problem.at_speed and own.needed <= durations[n]}
-        near = self._attempt_nearby({n: own for n, own in swift.items() if own.sound}, durations)
-        fits |= {n: success(own) for n, own in near.items() if own is not None and own.kept}
-        quickest = {n: own for n, own in quickest.items() if n not in fits}
-        for n, needed in self._find_needed_durations(quickest, durations).items():
-            duration = durations[n]
+        quickest |= self._moving.slow_to_limits(
+            {n: own for n, own in quickest.items() if own.problem.at_speed}
+        )
+        swift = {n: own for n, own in quickest.items() if own.problem.at_speed and own.good}
+        near = self._moving.prolong(
+            {n: own for n, own in swift.items() if own.duration <= durations[n]}, durations
+        )
+        fits |= {n: success(own) for n, own in near.items() if own.kept}
+        for n, own in quickest.items():
+            if n in fits:
+                continue
+            duration, needed = durations[n], None
+            if own.problem.at_speed:
+                needed = own.duration if own.good and own.duration > duration else None
+            elif own.sound and np.isfinite(own.peaks.stretch):
+                needed = own.needed * SAFETY
             kept = needed is not None and needed <= (1 + _DURATION_ROUNDING) * duration
-            if kept and not left[n].at_speed:
-                fits[n] = success(quickest[n].scaled(duration))
+            if kept and not own.problem.at_speed:
+                fits[n] = success(own.scaled(duration))
             else:
-                closest = attempts[n] or quickest[n].scaled(duration)
-                fits[n] = limits_too_tight(closest, duration, needed)
+                fits[n] = limits_too_tight(attempts[n] or own.scaled(duration), duration, needed)
         return fits
-
-    def _find_needed_durations(
-        self, quickest: dict[int, Attempt], durations: dict[int, float]
-    ) -> dict[int, float | None]:
-        """Durations in s in which all limits are kept, None where none is found.
-
-        Args:
-            quickest: the shortest motions. One at rest at both ends is only scaled in time; for the others
-                longer durations are tried, near the motion at first.
-            durations: s, asked for.
-        """
-        found = {
-            n: own.needed * SAFETY if own.sound and np.isfinite(own.peaks.stretch) else None
-            for n, own in quickest.items()
-        }
-        moving = [n for n, own in quickest.items() if own.problem.at_speed]
-        found |= dict.fromkeys(moving)
-        open_ = {n: quickest[n].problem for n in moving if quickest[n].sound}
-        longer = {
-            n: max(FIRST_GUESS * own.trajectory.duration, _DURATION_FACTOR * durations[n])
-            for n, own in quickest.items()
-        }
-        for look in range(_MAX_DURATIONS):
-            near = {} if look else {n: quickest[n] for n in open_}
-            attempts = self._attempt_nearby(near, longer) or self._attempt_in_time(open_, longer, _no_tube)
-            found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
-            open_ = {n: one for n, one in open_.items() if found[n] is None}
-            longer = {n: longer[n] * _DURATION_FACTOR ** (2**look) for n in open_}
-        return found
-
-    def _attempt_nearby(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
-        """Attempts in given durations in s that start from other attempts, on the breaks of these."""
-
-        def begin(n: int) -> InitialGuess | None:
-            return guesses.in_time(attempts[n], durations[n], tighter=_UNUSED_LIMIT_SHARES[0])
-
-        return self._attempt(attempts, begin)
 
     def _attempt_in_time(
         self, problems: Problems, durations: dict[int, float], radius: Radius = _own_radius
@@ -277,20 +249,14 @@ class Strategy:
     def _find_quickest(self, problems: Problems) -> Attempts:
         """The best attempts of `stretched` or of `shortest`, as the settings and end rates ask."""
         stretching = {n: one for n, one in problems.items() if _is_to_be_stretched(one)}
-        others = {n: one for n, one in problems.items() if n not in stretching}
-        return self.stretched(stretching) | self.shortest(others)
+        best = self.shortest({n: one for n, one in problems.items() if n not in stretching})
+        slow = {n: problems[n] for n, own in best.items() if own is not None and _is_slow_in_its_tube(own)}
+        return self.stretched(stretching) | best | quicker(self.shortest(slow, _no_tube), best)
 
     def stretched(self, problems: Problems) -> Attempts:
         """The best attempts that ignore limits, to be stretched to the limits afterwards."""
         best = self._attempt_along(problems, "stretched")
-        slow = {
-            n: one
-            for n, one in problems.items()
-            if (own := best[n]) is not None
-            and own.sound
-            and own.needed > _SLOW_RATIO * one.bound
-            and one.settings.node_tube is None
-        }
+        slow = {n: problems[n] for n, own in best.items() if own is not None and _is_slow_in_its_tube(own)}
         return best | quicker(self._attempt_along(slow, "stretched", _no_tube), best)
 
     def shortest(self, problems: Problems, radius: Radius = _own_radius) -> Attempts:
@@ -382,42 +348,18 @@ class Strategy:
         """Make fits from attempts, each in the shortest time in which its motion keeps all limits."""
         fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
-        best |= self._slow_to_limits({n: own for n, own in best.items() if own.problem.at_speed})
+        moving = self._moving.slow_to_limits({n: own for n, own in best.items() if own.problem.at_speed})
+        lost = {n: own.problem for n, own in moving.items() if not own.good and own.may_leave_tube}
+        without = {n: own for n, own in self.shortest(lost, _no_tube).items() if own is not None}
+        best |= moving | self._moving.slow_to_limits(without)
         for n, own in best.items():
             if not own.problem.at_speed and np.isfinite(own.peaks.stretch):
                 fits[n] = success(own, stretch=True)
             elif own.peaks.kept:
                 fits[n] = success(own)
             else:
-                fits[n] = limits_too_tight(own, own.trajectory.duration, None)
+                fits[n] = limits_too_tight(own, own.duration, None)
         return fits
-
-    def _slow_to_limits(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
-        """Repeat attempts with rates at the ends in longer durations until they keep all limits.
-
-        Scaling their time instead would change these rates.
-        """
-        best, open_ = dict(attempts), list(attempts)
-        durations = {n: own.trajectory.duration for n, own in best.items()}
-
-        def begin(n: int, look: int) -> InitialGuess | None:
-            problem, stretch = best[n].problem, best[n].peaks.stretch
-            least, most = _UNUSED_LIMIT_SHARES
-            tighter = min(least + 2 * max(0.0, stretch - 1), most)
-            # Tighter limits by themselves make the motion longer by as much.
-            longer = float(np.clip(stretch, 1 + tighter, _MAX_DURATION_FACTOR))
-            durations[n] *= longer ** (2**look)
-            mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
-            return first_curve(problem, mesh, durations[n], "given", tighter=tighter)
-
-        for look in range(_MAX_DURATIONS):
-            open_ = [n for n in open_ if not (best[n].peaks.kept and best[n].sound)]
-            # Wheels that are full stay as full in more time.
-            open_ = [n for n in open_ if not np.isinf(best[n].peaks.stretch)]
-            made = self._attempt(open_, partial(begin, look=look))
-            open_ = [n for n, own in made.items() if own is not None]
-            best.update({n: own for n, own in made.items() if own is not None})
-        return best
 
     def _climb_ladders(self, ladders: dict[int, Ladder]) -> Attempts:
         """Make attempts on ladders to their ends, those of all fits together; return the best of each."""
@@ -444,3 +386,8 @@ class Strategy:
 def _is_to_be_stretched(problem: FitProblem) -> bool:
     """Whether a fit without limits is to be stretched to them: if asked for, and at rest at both ends."""
     return problem.settings.duration == STRETCHED and not problem.at_speed
+
+
+def _is_slow_in_its_tube(attempt: Attempt) -> bool:
+    """Whether a motion is much slower than the bound, and had to stay in a tube that nobody asked for."""
+    return attempt.may_leave_tube and attempt.sound and attempt.needed > _SLOW_RATIO * attempt.problem.bound

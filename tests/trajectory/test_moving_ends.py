@@ -1,0 +1,93 @@
+"""Motions with rates at start or goal come within the limits without being scaled in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxplan as jp
+
+TORQUE = 0.2  # N m
+STORED = (1.0, 3.0, -2.0)  # N m s
+START_RATES = [0.002, -0.003, 0.0025]  # rad/s
+
+CRAFT = jp.Spacecraft(
+    instruments=(jp.Instrument(name="camera", boresight=np.array([0.0, 0.0, 1.0])),),
+    rate_limit=np.deg2rad(2.0),
+    acceleration_limit=np.deg2rad(0.5),
+    inertia=np.diag([100.0, 120.0, 90.0]),
+)
+
+
+def scenario(craft, rates, goal, duration):
+    return jp.Scenario(
+        name="moving",
+        spacecraft=craft,
+        start=jp.GivenState(rotation_vector=[0.0, 0.0, 0.0], joints=[], angular_velocity=rates),
+        goal=jp.GivenState(rotation_vector=goal, joints=[]),
+        trajectory=jp.TrajectorySettings(duration=duration),
+    )
+
+
+def planned(scenarios):
+    plans = jp.plan_batch(scenarios, progress=False)
+    assert [plan.message for plan in plans if not plan.ok] == []
+    return [plan.trajectory.duration for plan in plans]
+
+
+def about_one_axis(rate, angle, duration="minimum"):
+    return scenario(replace(CRAFT, torque_limit=TORQUE), [rate, 0.0, 0.0], [angle, 0.0, 0.0], duration)
+
+
+RATES_AND_ANGLES = [(0.01, 0.0), (0.005, 0.0), (0.02, 0.0), (-0.02, 0.0), (0.01, -0.1), (-0.01, 0.05)]
+
+
+def bang_bang(rate, angle):
+    """Least time, s, from a rate to rest at an angle, about the x axis, by the switching curve."""
+    a = TORQUE / 100.0
+    after_braking = rate * abs(rate) / (2 * a)
+    side = 1.0 if angle > after_braking else -1.0
+    peak = np.sqrt(a * side * angle + rate * rate / 2)  # size of the rate where the torque switches
+    return (2 * peak - side * rate) / a
+
+
+def test_shortest_motions_about_one_axis_take_little_more_than_the_bang_bang_time():
+    """Accelerations have to be continuous and zero at the ends, which costs a few per cent."""
+    found = planned([about_one_axis(*one) for one in RATES_AND_ANGLES])
+    expected = np.array([bang_bang(*one) for one in RATES_AND_ANGLES])
+    assert np.all(found >= expected)
+    assert np.all(found <= 1.05 * expected)
+
+
+def turning(torque, duration):
+    """A spacecraft that turns at the start, and whose wheels hold momentum that must be turned with it."""
+    wheels = [
+        jp.Wheel(name=name, axis=axis, torque=torque, momentum=6.0, stored=stored)
+        for name, axis, stored in zip("abc", np.eye(3), STORED, strict=True)
+    ]
+    return scenario(replace(CRAFT, wheels=tuple(wheels)), START_RATES, [0.8, -0.6, 0.9], duration)
+
+
+def test_weaker_wheels_do_not_lead_to_shorter_motions():
+    found = planned([turning(torque, "minimum") for torque in (0.02, 0.0105, 0.0102, 0.0100)])
+    assert np.all(np.diff(found) > -0.005 * np.array(found[1:]))
+    assert found[-1] < 1.05 * found[-3]  # nor by far to longer ones
+
+
+@pytest.mark.slow
+def test_any_number_above_the_shortest_duration_has_a_plan():
+    cases = [(0.02, each) for each in (200.0, 300.0, 360.0, 400.0, 500.0, 800.0)]
+    cases += [(0.0102, each) for each in (400.0, 500.0, 800.0, 2000.0)]
+    np.testing.assert_allclose(planned([turning(*one) for one in cases]), [each for _, each in cases])
+
+
+def test_a_number_that_is_too_small_is_answered_with_the_shortest_duration():
+    plan, shortest = jp.plan_batch([turning(0.02, 150.0), turning(0.02, "minimum")], progress=False)
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    told = float(plan.message.partition("at most ")[2].partition(" s")[0])
+    assert told == pytest.approx(shortest.trajectory.duration, rel=0.02)
+
+
+def test_a_stretched_motion_leaves_the_nodes_where_they_make_it_slow():
+    stretched, shortest = planned([about_one_axis(-0.02, 1.0, each) for each in ("stretched", "minimum")])
+    assert stretched < 1.1 * shortest
