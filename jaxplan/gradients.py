@@ -25,7 +25,9 @@ import numpy as np
 from jax import Array, export
 from jax.flatten_util import ravel_pytree
 
+from jaxplan import so3
 from jaxplan.derivatives import End, Held, end_of, hold, motion_to, of_arrays, own_arrays, replan
+from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
@@ -244,10 +246,15 @@ class Differentiable:
         limits at the times that a fit checks, so it may break one slightly in between; its status is then
         UNCERTIFIED.
         """
-        plan, goal = self.plan, self.held.goal
-        trajectory = self(plan.scenario)
+        plan, scenario = self.plan, own_arrays(self.plan.scenario)
+        with jax.enable_x64(True):
+            reached = _find_end(self.held, scenario)
+            trajectory = jax.tree.map(np.asarray, _trajectory_value(self.held, scenario, reached))
+        # Step 1 may leave the goal some 1e-8 rad off the optimum.
+        goal = _goal_at(self.held.goal, scenario, jax.tree.map(np.asarray, reached[0]))
         return judged(
-            replace(plan, trajectory=trajectory, status=Status.OK), prove(plan.scenario, goal, trajectory)
+            replace(plan, goal=goal, trajectory=trajectory, status=Status.OK),
+            prove(plan.scenario, goal, trajectory),
         )
 
     def __call__(self, scenario: Scenario) -> Trajectory:
@@ -270,6 +277,15 @@ class Differentiable:
             wide = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), narrow)
             self._functions_32_bits[kind] = _replan_in_32_bits(self.held, wide)
         return self._functions_32_bits[kind](narrow)
+
+
+def _goal_at(held: Goal, scenario: Scenario, end: End) -> Goal:
+    """Return a held goal moved to where a scenario's manoeuvre ends; rates only where the goal has them."""
+    turned = float(so3.distance(scenario.start.attitude, end.attitude))
+    goal = replace(held, attitude=end.attitude, joints=end.joints, slew_angle=turned)
+    if held.angular_velocity is None:
+        return goal
+    return replace(goal, angular_velocity=end.rates[:3], joint_rates=end.rates[3:])
 
 
 def _replan_in_64_bits(held: Held) -> Callable[[Scenario], Trajectory]:

@@ -35,8 +35,8 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
     Raises:
         TypeError: if the arguments are no plan and no scenario.
-        ValueError: for a scenario that `plan` refuses, for one with other devices, or if the plan has no
-            path.
+        ValueError: for a scenario that `plan` refuses, for one with other devices, or if the plan has no path
+            or does not move.
     """
     expect("plan", plan, Plan, A_PLAN)
     filed = as_filed("scenario", scenario)
@@ -73,10 +73,15 @@ def plan_near(plan: Plan, scenario: Scenario, near: Trajectory | None = None) ->
         near: a trajectory near which a shortest motion is looked for, on its breaks; None for anywhere.
 
     Raises:
-        ValueError: if the plan has no path, or something moves and the duration is not given.
+        ValueError: if the plan has no path or does not move, or something moves and no duration is given.
     """
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
+    if plan.trajectory is not None and not plan.trajectory.duration:
+        raise ValueError(
+            f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed: "
+            f"plan {scenario.name} by jp.plan"
+        )
     expect_known_time(scenario)
     clear_if_full()
     clock = Clock(np.inf)

@@ -28,6 +28,10 @@ _BOUND_DOUBT = "its goal leans on a bound of joints or a vector that these turn"
 AS_A_STATE = "give the goal as a state"
 """Advice that helps wherever a goal has no slopes; timelines put it in words of their own."""
 _WISH_DOUBT = f"its goal leans on what a device prefers: leave the wish out, or {AS_A_STATE}"
+_HALF_TURN_DOUBT = (
+    f"its goal is half a turn away, where the least rotation turns one way or the other: {AS_A_STATE}"
+)
+_HALF_TURN_ROUNDING = 1e-6  # rad; a slew that is less than that short of half a turn counts as one
 _MET_WISH_DISTANCE = 2e-6  # rad; a wish as near is met: step 1 leaves it less than this to give others room
 _TOLERANCE_WITH_WISHES = 1e-5  # rad, as `_OPTIMUM_TOLERANCE`, where wishes are met no better than that
 
@@ -89,6 +93,8 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
     joints = np.clip(problem.joints(goal.attitude), *problem.ranges.T)
     joints, made = settled(problem, goal.attitude, joints)
     doubts = []
+    if not soonest and goal.slew_angle > np.pi - _HALF_TURN_ROUNDING:
+        doubts.append(_HALF_TURN_DOUBT)
     if any(move.ties for move in made):
         doubts.append(
             "where a device without a target makes way at the goal several things are as near, and which of "

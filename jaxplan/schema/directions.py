@@ -68,7 +68,10 @@ class TargetDevices(Names):
     def read(self, value: Any, place: Place) -> Any:
         read = super().read(value, place)
         reading = place.reading
-        reading.sizes["target"] = len(read) if read and read is not WRONG else reading.sizes["terminal"]
+        if read is WRONG:  # so many were named; which ones has been told
+            reading.sizes["target"] = len(value) if isinstance(value, list | tuple) else None
+        else:
+            reading.sizes["target"] = len(read) if read else reading.sizes["terminal"]
         return read
 
 

@@ -287,6 +287,11 @@ def load_slew_times(path: str | os.PathLike[str]) -> SlewTimes:
     file = file_path("path", path)
     if file.is_dir():
         file = file / "slew_times.npz"
+        if not file.exists():
+            raise FileNotFoundError(
+                f"{path}: holds no slew_times.npz, which jp.slew_times writes at its end; the same call goes "
+                "on with a folder that it has begun"
+            )
     if file.stat().st_size > _LARGEST_FILE:
         raise ValueError(f"{file}: too large, at most {_LARGEST_FILE} bytes are read")
     try:

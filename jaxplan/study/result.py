@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.runtime.arguments import file_path
+from jaxplan.runtime.arguments import file_path, show
 from jaxplan.runtime.display import Cells, as_table, shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.study.rows import OK, TIMES, Row, columns_of
@@ -258,7 +258,14 @@ class Study:
 
         Returns:
             Array (k,) of the values.
+
+        Raises:
+            ValueError: if there is no such column of numbers.
         """
+        kinds = {**columns_of(self.columns), **TIMES, "over_bound": float}
+        known = [name for name, kind in kinds.items() if kind is not str]
+        if column not in known:
+            raise ValueError(f"column = {show(column)}: must be one of {', '.join(known)}")
         chosen = [row for row in self.table if every or row["status"] == OK]
         if column == "over_bound":
             bounds = ((row["duration_s"], row["duration_bound_s"]) for row in chosen)

@@ -19,6 +19,7 @@ from jaxplan.derivatives import own_arrays
 from jaxplan.gradients import differentiable
 from jaxplan.model.file_keys import unit_of
 from jaxplan.planner import Plan
+from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import as_table, in_columns, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema.numbers import NumberPlace, numbers_of, numbers_of_timeline
@@ -34,6 +35,10 @@ from jaxplan.tuning.objectives import (
 )
 
 _LINE_WIDTH = 110  # most characters in a line of names
+_NOT_LISTED = (
+    "not listed: numbers that are left at their defaults, and those of directions and matrices, such as an "
+    "inertia; jp.differentiable has the slopes of all"
+)
 _EFFECT_SHARE = 0.01  # fraction of a number by which `effect` lets it grow
 _SLOPE_TOLERANCE = 1e-12  # fraction of the largest slope; smaller ones count as zero
 
@@ -126,7 +131,8 @@ class Sensitivities:
             lines += textwrap.wrap(
                 names, _LINE_WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
             )
-        lines += textwrap.wrap(self.note, _LINE_WIDTH, subsequent_indent="  ")
+        for text in (self.note, _NOT_LISTED):
+            lines += textwrap.wrap(text, _LINE_WIDTH, subsequent_indent="  ")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -140,7 +146,7 @@ class Sensitivities:
         ]
         caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
         rows += [(name, "slope 0") for name in self.without_effect]
-        rows += [("note", self.note)] if self.note else []
+        rows += [("note", text) for text in (self.note, _NOT_LISTED) if text]
         return as_table(caption, rows)
 
 
@@ -175,6 +181,7 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
         return _day_sensitivities(plan, TOTAL_TIME if measure is None else measure)
     if measure == TOTAL_TIME:
         raise ValueError(f"measure {TOTAL_TIME!r} is of a timeline's plan, of this one it is 'duration'")
+    expect("plan", plan, Plan, "jp.plan makes one of a scenario")
     measure = "effort" if measure is None else measure
     if measure not in OBJECTIVES:
         raise ValueError(f"unknown measure {measure!r}: must be one of {', '.join(offered(plan.scenario))}")

@@ -153,3 +153,36 @@ def test_a_plan_can_be_made_a_function_while_its_own_arrays_are_differentiated_b
         outside = jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)
         slopes = [find(plan.scenario).trajectory.duration for find in (inside, outside)]
     np.testing.assert_allclose(*slopes, rtol=1e-6)
+
+
+def camera_looks(direction, **settings):
+    """A spacecraft with a camera alone, free to roll about what it looks at."""
+    craft = jp.Spacecraft(
+        instruments=(jp.Instrument(name="camera", boresight=np.array([0.0, 0.0, 1.0])),),
+        rate_limit=np.deg2rad(1.0),
+        acceleration_limit=np.deg2rad(0.2),
+    )
+    return jp.Scenario(
+        name="camera",
+        spacecraft=craft,
+        start=jp.GivenState(rotation_vector=[0.0, 0.0, 0.0], joints=[]),
+        goal=jp.Targets.of({"camera": direction}),
+        trajectory=jp.TrajectorySettings(**settings),
+    )
+
+
+def test_the_optimum_is_certified_where_step_1_leaves_the_goal_slightly_off_its_own():
+    plan = jp.plan(camera_looks([0.6, 0.0, 0.8], duration=200.0, optimal=True), progress=False)
+    optimum = jp.differentiable(plan).optimum
+    assert optimum.ok
+    assert optimum.certificate.certified
+    assert jp.certify(optimum).certified
+    np.testing.assert_allclose(optimum.goal.attitude[:, 2], [0.6, 0.0, 0.8], rtol=0, atol=1e-8)
+
+
+def test_slopes_are_refused_where_the_least_rotation_is_half_a_turn_either_way():
+    plan = jp.plan(camera_looks([0.0, 0.0, -1.0], duration=200.0), progress=False)
+    with pytest.raises(
+        ValueError, match="half a turn away, where the least rotation turns one way or the other"
+    ):
+        jp.differentiable(plan)

@@ -198,6 +198,8 @@ def test_start_equal_to_goal_takes_no_time():
     assert plan.trajectory.duration == 0
     assert plan.certificate.certified
     np.testing.assert_allclose(plan.trajectory.sample(0.0).joints, scenario.start.joints, rtol=0, atol=1e-8)
+    assert plan.explained is None
+    assert plan.summary()["explained"] is None
 
 
 def seen_at(state, device: int) -> np.ndarray:

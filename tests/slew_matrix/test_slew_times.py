@@ -166,6 +166,8 @@ def test_a_file_holds_the_matrix(slews, folder, tmp_path):
             read.scenario(0, 1)
     with pytest.raises(OSError, match="No such file"):
         jp.load_slew_times(tmp_path / "three.npz")
+    with pytest.raises(OSError, match=r"holds no slew_times\.npz, which jp\.slew_times writes at its end"):
+        jp.load_slew_times(tmp_path)
 
 
 def test_damaged_files_are_refused(slews, tmp_path):
