@@ -316,9 +316,11 @@ def fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = No
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
     """Return a plan with the status, message and trajectory of a fit, not yet certified."""
     message, robust = fitted.note if fitted.status is Status.OK else fitted.message, so_far.scenario.robust
-    if fitted.full_wheels and robust is not None and robust.momentum_reserve:
-        reserve = f"[robust] momentum_reserve_percent = {robust.momentum_reserve:g}"
-        message = f"{message}, or lower {reserve}, which is taken off what they hold at most"
+    reserves = {"momentum": robust.momentum_reserve, "torque": robust.torque_reserve} if robust else {}
+    if reserve := reserves.get(fitted.short_of, 0.0):
+        told = f"[robust] {fitted.short_of}_reserve_percent = {reserve:g}"
+        whole = "what they hold at most" if fitted.short_of == "momentum" else "that limit"
+        message = f"{message}, or lower {told}, which is taken off {whole}"
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 
 

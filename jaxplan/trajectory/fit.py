@@ -50,7 +50,8 @@ class Fit:
             none was needed or found.
         spare: the fit before it was improved to the optimum, for use if the optimum is not certified; else
             None.
-        full_wheels: whether it failed because wheels are full however slow the motion is.
+        short_of: "momentum" or "torque" where it failed because there is too little of that however slow the
+            motion is, such as in wheels that are full; else empty.
     """
 
     trajectory: Trajectory | None
@@ -60,7 +61,7 @@ class Fit:
     origin: Any = None
     needed_duration: float | None = None
     spare: "Fit | None" = None
-    full_wheels: bool = False
+    short_of: str = ""
 
     def at_given_nodes(self, numbers: np.ndarray) -> "Fit":
         """Return the fit with the times of all given nodes, repeated ones included.

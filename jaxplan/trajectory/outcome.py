@@ -28,6 +28,7 @@ from jaxplan.trajectory.problem import FitProblem
 
 NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
 _FULL_TOLERANCE = 1e-6  # of a wheel's limit, by which it may be exceeded at the goal
+_TORQUE_POWER = 2  # of the time scaling by which torques and accelerations fall
 _SAMPLE_COUNT = 2001  # samples of a motion from which the numbers in messages are taken, with few digits
 _MIN_BODY_MOMENTUM = 1e-9  # of a wheel's limit; smaller momentum of the body at the start counts as none
 _STORED_ADVICE = "lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal"
@@ -160,6 +161,44 @@ def full_at_goal(problem: FitProblem) -> Fit | None:
     )
 
 
+def overloaded_at_an_end(problem: FitProblem) -> Fit | None:
+    """Make the fit, LIMITS_TOO_TIGHT, of rates at an end that need more torque than there is; else None.
+
+    A body that turns without acceleration needs torque that turns its momentum, and that of its wheels, with
+    it. Where accelerations at the ends are zero it follows from the rates alone; the fit has no trajectory.
+    """
+    if not (problem.rests and problem.at_speed):
+        return None
+    body, craft = problem.body, problem.spacecraft
+    for end, place in enumerate(("start", "goal")):
+        attitude, joints, rates = (own[-end] for own in (problem.attitudes, problem.joints, problem.rates))
+        motion = Kinematics(
+            spin=(rates[:3], np.zeros(3), np.zeros(3)),
+            joints=(joints, rates[3:], np.zeros(len(joints))),
+            drives=len(craft.drives),
+            inertia=body.inertia,
+            total=None if body.total is None else attitude.T @ problem.attitudes[0] @ body.total,
+            array=body.array,
+            stages=body.stages,
+        ).known
+        loads = [limit for limit in problem.limits if limit.quantity.power == _TORQUE_POWER]
+        shares = {
+            name: float(share)
+            for limit in loads
+            for name, share in zip(limit.names, limit.shares(motion), strict=True)
+        }
+        name = max(shares, key=shares.__getitem__, default="")
+        if shares and shares[name] > 1 + _FULL_TOLERANCE:
+            more = "spacecraft.wheel.stored_nms, or raise torque_nms" if body.array else "raise that limit"
+            message = (
+                f"at the {place} the rates alone need {shares[name]:.4g} times the limit of {name}, in "
+                "whatever time the motion is made, as the momentum there turns with the body: lower the "
+                f"rates at the {place}, or {more}"
+            )
+            return Fit(trajectory=None, status=Status.LIMITS_TOO_TIGHT, message=message, short_of="torque")
+    return None
+
+
 def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:
     """Make the fit, LIMITS_TOO_TIGHT, of a motion that fills wheels of a spacecraft however slow it is.
 
@@ -219,4 +258,4 @@ def _make_full_wheels_fit(
         )
         advice = _IN_MOTION_ADVICE
     message = f"{why}, so that slowing down does not help: {advice}"
-    return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, full_wheels=True)
+    return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, short_of="momentum")

@@ -15,6 +15,7 @@ strict lower bound of the duration.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +28,14 @@ from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, check
 from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
 from jaxplan.trajectory.moving_ends import MovingEnds
 from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
-from jaxplan.trajectory.outcome import better, beyond_charts, full_at_goal, limits_too_tight, success
+from jaxplan.trajectory.outcome import (
+    better,
+    beyond_charts,
+    full_at_goal,
+    limits_too_tight,
+    overloaded_at_an_end,
+    success,
+)
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
@@ -120,7 +128,7 @@ def _prepare(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         near=query.near,
         at_most=query.at_most,
     )
-    return full_at_goal(problem) or (problem, own)
+    return full_at_goal(problem) or overloaded_at_an_end(problem) or (problem, own)
 
 
 class Strategy:
@@ -204,7 +212,10 @@ class Strategy:
             if kept and not own.problem.at_speed:
                 fits[n] = success(own.scaled(duration))
             else:
-                fits[n] = limits_too_tight(attempts[n] or own.scaled(duration), duration, needed)
+                in_time = own.scaled(duration)
+                if own.problem.at_speed:  # scaled, it would begin with other rates
+                    in_time = replace(own, peaks=in_time.peaks)
+                fits[n] = limits_too_tight(attempts[n] or in_time, duration, needed)
         return fits
 
     def _attempt_in_time(

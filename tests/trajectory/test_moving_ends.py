@@ -91,3 +91,21 @@ def test_a_number_that_is_too_small_is_answered_with_the_shortest_duration():
 def test_a_stretched_motion_leaves_the_nodes_where_they_make_it_slow():
     stretched, shortest = planned([about_one_axis(-0.02, 1.0, each) for each in ("stretched", "minimum")])
     assert stretched < 1.1 * shortest
+
+
+@pytest.mark.parametrize("duration", [300.0, "minimum", "stretched"])
+def test_rates_that_alone_need_more_torque_than_there_is_are_told_at_once(duration):
+    torque = 4e-3
+    plan = jp.plan(turning(torque, duration), throw=False, progress=False)
+    rates = np.array(START_RATES)
+    needed = np.abs(np.cross(rates, CRAFT.inertia @ rates + STORED))  # to turn the momentum with the body
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    assert plan.trajectory is None
+    share, name = np.max(needed) / torque, "abc"[np.argmax(needed)]
+    assert f"at the start the rates alone need {share:.4g} times the limit of {name} torque" in plan.message
+
+
+def test_reserves_that_leave_too_little_torque_are_named():
+    scene = replace(turning(0.02, "minimum"), robust=jp.Robust(torque_reserve=80.0))
+    plan = jp.plan(scene, throw=False, progress=False)
+    assert "or lower [robust] torque_reserve_percent = 80, which is taken off that limit" in plan.message
