@@ -54,6 +54,11 @@ CASES = {
         S.OUT_OF_WINDOW,
         ("begun at 31.00 s", "0.50 s after the timeline", "60.00 s"),
     ),
+    "end of the window before that of the timeline": Case(
+        lambda: talks(resting("first", 30.0), resting(duration=29.5, latest=50.0)),
+        S.OUT_OF_WINDOW,
+        ("begun at 31.00 s", "10.50 s after its window, which ends at 50.00 s", "let its window end later"),
+    ),
     "start in a zone": Case(
         lambda: images(resting(), keep_out=(telescope_zone("moon", AHEAD, 5.0),)),
         S.INVALID_START,

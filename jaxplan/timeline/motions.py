@@ -150,8 +150,9 @@ class Doing:
 
     def _overload_text(self, trajectory: Trajectory, begin: float) -> str:
         """Return text on the load that exceeds its limit the most, and when; empty if none does."""
-        beyond = overrun(self.scene.usable, trajectory, begin, self.total)
-        return beyond + ", as targets move then" * bool(beyond and self.activity.targets is not None)
+        return overrun(
+            self.scene.usable, trajectory, begin, self.total, moving=self.activity.targets is not None
+        )
 
     def _holding_motion(self, state: State, begin: float) -> Motion:
         """Return the motion that stays in a state from `begin`, s, on; `Refused` if that breaks something."""
@@ -362,12 +363,14 @@ class Doing:
         """Raise `Refused` if the activity from `begin`, s, has a hidden target or outlasts the timeline."""
         if own_targets := self.activity.targets:
             self._expect_seen(own_targets, begin, self.ends(begin))
-        late = self.ends(begin) - self.known
-        if late > _TIME_TOLERANCE:
+        latest = np.inf if self.activity.latest is None else self.activity.latest
+        what, until = ("its window", latest) if latest < self.known else ("the timeline", self.known)
+        end = self.ends(begin)
+        if end - self.known > _TIME_TOLERANCE:
             raise Refused(
                 Status.OUT_OF_WINDOW,
-                f"begun at {begin:.2f} s it would end {late:.2f} s after the timeline, which ends at "
-                f"{self.known:.2f} s: let the timeline end later, ask for less time, or do less before",
+                f"begun at {begin:.2f} s it would end {end - until:.2f} s after {what}, which ends "
+                f"at {until:.2f} s: let {what} end later, ask for less time, or do less before",
             )
 
     def _expect_seen(self, targets: Targets, begin: float, end: float) -> None:

@@ -222,7 +222,9 @@ def _max_rate_excess(craft: Spacecraft, at: Samples) -> float:
     return float(max(np.max(one, initial=0.0) for one in speeds))
 
 
-def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarray | None) -> str:
+def overrun(
+    craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarray | None, *, moving: bool
+) -> str:
     """Return text on the load of a motion that exceeds its limit the most, and when; empty if none does.
 
     Args:
@@ -230,6 +232,7 @@ def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarr
         motion: the motion; its time zero is its begin.
         begin: s, in the timeline's times.
         total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
+        moving: whether the motion follows targets.
     """
     times = np.linspace(0.0, motion.duration, _LOAD_SAMPLES)
     loads = motion.sample(times).kinematics(craft, total)
@@ -238,10 +241,14 @@ def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarr
     worst, instant = np.unravel_index(np.argmax(shares), shares.shape)
     if shares[worst, instant] <= 1 + LIMIT_ALLOWANCE:
         return ""
-    name = [name for limit in every for name in limit.names][worst]
-    return (
-        f"{name} would reach {shares[worst, instant]:.4g} times its limit at {begin + times[instant]:.2f} s"
-    )
+    owner, name = [(limit, name) for limit in every for name in limit.names][worst]
+    when = f"would reach {shares[worst, instant]:.4g} times its limit at {begin + times[instant]:.2f} s"
+    if owner.quantity.of_wheels and owner.quantity.power == 1:
+        return (
+            f"the wheel {name} {when}, by what is stored and the attitude there: lower "
+            "spacecraft.wheel.stored_nms, raise momentum_nms, or do something else before"
+        )
+    return f"{'the wheel ' * owner.quantity.of_wheels}{name} {when}{', as targets move then' * moving}"
 
 
 def _times_between(times: np.ndarray) -> np.ndarray:
