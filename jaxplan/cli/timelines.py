@@ -3,6 +3,7 @@
 import argparse
 import shlex
 from pathlib import Path
+from typing import Any
 
 from jaxplan.cases import CASE_NAMES, TIMELINE_NAMES, case_path
 from jaxplan.cli.common import (
@@ -147,21 +148,26 @@ def load_timeline_file(name: str) -> Timeline:
         )
     if Path(name).is_dir():
         raise ValueError(f"{name}: is a folder, name a timeline's file in it")
+    content = _read_toml(name)
+    if "goal" in content and not {"kind", "activity", "timeline"}.intersection(content):
+        raise ValueError(f"{name}: is a scenario; plan it with: jaxplan plan {shlex.quote(name)} -o out")
     return load_timeline(name)
 
 
 def is_timeline(name: str) -> bool:
     """Tell whether a name is that of an example of a timeline, or of a TOML file with a timeline."""
-    if name in TIMELINE_NAMES:
-        return True
+    return name in TIMELINE_NAMES or _read_toml(name).get("kind") == KIND
+
+
+def _read_toml(name: str) -> dict[str, Any]:
+    """Return what a TOML file holds, with nothing checked; empty if it is no such file."""
     if not name.endswith(".toml") or not Path(name).is_file():
-        return False
+        return {}
     try:
         with open(name, "rb") as file:
-            content = parse(file.read(LARGEST_TIMELINE + 1).decode("utf-8-sig"), LARGEST_TIMELINE)
+            return parse(file.read(LARGEST_TIMELINE + 1).decode("utf-8-sig"), LARGEST_TIMELINE)
     except (OSError, ValueError):
-        return False
-    return content.get("kind") == KIND
+        return {}
 
 
 def is_timeline_plan(name: str) -> bool:

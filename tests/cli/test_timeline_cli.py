@@ -215,6 +215,13 @@ def test_what_is_asked_in_vain_is_told_before_anything_is_planned(capsys, tmp_pa
     assert message in err
 
 
+def test_a_scenario_is_told_as_such_and_how_it_is_planned(capsys, tmp_path):
+    assert run(capsys, "new", tmp_path / "scene.toml")[0] == 0
+    code, _, err = run(capsys, "timeline", tmp_path / "scene.toml")
+    assert code == 2
+    assert "is a scenario; plan it with: jaxplan plan " in err
+
+
 def test_an_export_that_needs_an_epoch_is_refused_before_planning(capsys, tmp_path):
     given = FILE.replace("epoch_utc = 2026-06-20T09:30:00", "").replace(
         "until_utc = 2026-06-20T09:30:20", "for_s = 9"
