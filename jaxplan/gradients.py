@@ -34,7 +34,7 @@ from jaxplan.planner import Plan
 from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
 from jaxplan.runtime.arguments import expect
-from jaxplan.runtime.differentiation import linear_map
+from jaxplan.runtime.differentiation import linear_map, once_differentiable
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import Task, is_traced, quick_jit, side_by_side, to_numpy
 from jaxplan.trajectory import Trajectory
@@ -346,8 +346,10 @@ def _replan_in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Traje
             return _cast(exported()[1](*given), jnp.float32)
 
     # Exported functions cannot be batched, so the calls of a batch are made one after the other.
-    value: Callable[[Scenario], Trajectory] = jax.custom_batching.sequential_vmap(wide_value)
-    product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
+    value: Callable[[Scenario], Trajectory] = once_differentiable(
+        jax.custom_batching.sequential_vmap(wide_value)
+    )
+    product: Callable[..., Scenario] = once_differentiable(jax.custom_batching.sequential_vmap(wide_product))
 
     def forward(scenario: Scenario) -> tuple[Trajectory, Scenario]:
         if is_traced(scenario):

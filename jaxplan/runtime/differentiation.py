@@ -191,6 +191,13 @@ def _raise_on_derivative(*_: Any) -> NoReturn:
     )
 
 
+def once_differentiable(rule: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that a rule for derivatives calls, which raises an error if it is differentiated."""
+    found: Any = jax.custom_jvp(rule)
+    found.defjvp(_raise_on_derivative)
+    return lambda *own: found(*own)
+
+
 def _first_derivatives_only(tree: Any) -> Any:
     """Return a tree of equal numbers whose derivatives raise an error, for use within a rule for tangents."""
     return jax.tree.map(

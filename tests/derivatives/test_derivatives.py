@@ -180,6 +180,19 @@ def test_the_optimum_is_certified_where_step_1_leaves_the_goal_slightly_off_its_
     np.testing.assert_allclose(optimum.goal.attitude[:, 2], [0.6, 0.0, 0.8], rtol=0, atol=1e-8)
 
 
+def test_second_derivatives_are_refused_whatever_jax_is_set_to():
+    plan = jp.plan(camera_looks([0.6, 0.0, 0.8], duration=200.0), progress=False)
+    trajectory = jp.differentiable(plan)
+
+    def effort(duration):
+        settings = replace(plan.scenario.trajectory, duration=duration)
+        return jp.measures.effort(trajectory(replace(plan.scenario, trajectory=settings)))
+
+    for second in (jax.hessian(effort), jax.grad(jax.grad(effort))):
+        with pytest.raises(NotImplementedError, match="first derivatives only"):
+            second(200.0)
+
+
 def test_slopes_are_refused_where_the_least_rotation_is_half_a_turn_either_way():
     plan = jp.plan(camera_looks([0.0, 0.0, -1.0], duration=200.0), progress=False)
     with pytest.raises(
