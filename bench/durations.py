@@ -1,9 +1,11 @@
 """The method "global" on random scenes: durations over the strict bound, time to fit, independent check.
 
 Each plan is flown by `_flight` in numpy alone. Times are without those of compiling, which plans keep apart.
-Prints a row for each kind and duration.
+Prints a row for each kind and duration. With --rates all scenes turn at the start, and every other one whose
+goal is a state at the goal, too, at up to half the rates that are allowed.
 
     python bench/durations.py [-n 50] [--first-seed 0] [--kinds keep_out held_links] [--durations minimum 80]
+                              [--rates]
 """
 
 import argparse
@@ -24,6 +26,17 @@ def scenes(kind: str, first: int, count: int) -> list[Scenario]:
     if kind == "cases":
         return [jp.paper_case(number) for number in range(1, 5)]
     return [random_scenario(seed, kind) for seed in range(first, first + count)]
+
+
+def in_motion(scenario: Scenario, seed: int) -> Scenario:
+    """The scenario with random rates of the platform at the start, and of odd seeds at the goal."""
+    rng = np.random.default_rng([seed, 7])
+    most = np.broadcast_to(scenario.spacecraft.rate_limit, 3) / 2
+    start, goal = (rng.uniform(-most, most) for _ in range(2))
+    own = replace(scenario, start=replace(scenario.start, angular_velocity=start))
+    if isinstance(own.goal, jp.GivenState) and seed % 2:
+        own = replace(own, goal=replace(own.goal, angular_velocity=goal))
+    return own
 
 
 def report(kind: str, duration: float | str, scenarios: list[Scenario]) -> None:
@@ -55,6 +68,7 @@ if __name__ == "__main__":
     parser.add_argument("--first-seed", type=not_negative, default=0)
     parser.add_argument("--kinds", nargs="+", choices=("cases", *SKY_KINDS), default=("cases", *SKY_KINDS))
     parser.add_argument("--durations", nargs="+", default=("minimum", "stretched", "80"))
+    parser.add_argument("--rates", action="store_true", help="random rates at the ends")
     options = parser.parse_args()
     print_machine()
     print(
@@ -66,4 +80,7 @@ if __name__ == "__main__":
     for kind in options.kinds:
         for word in options.durations:
             duration = word if word in ("minimum", "stretched") else float(word)
-            report(kind, duration, scenes(kind, options.first_seed, options.n))
+            chosen = scenes(kind, options.first_seed, options.n)
+            if options.rates:
+                chosen = [in_motion(one, seed) for seed, one in enumerate(chosen, options.first_seed)]
+            report(kind, duration, chosen)
