@@ -35,7 +35,7 @@ from jaxplan.trajectory.sqp import NearOptimum
 A_PLAN = "jp.plan makes one of a scenario"
 _NEEDS_TIME = (
     "has targets or zones that move: derivatives and tuning then know given durations only: set "
-    "trajectory.duration_s to a number (it has no slopes itself then), or hold what moves at an instant"
+    "trajectory.duration_s to a number, or hold what moves at an instant"
 )
 
 Tree = TypeVar("Tree")

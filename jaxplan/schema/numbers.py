@@ -214,8 +214,10 @@ def _find_number(
         return (attribute,), kind
     # whether each number may change by itself
     apart = isinstance(kind, Array) and kind.rule in (None, range_of, within_a_turn)
+    if value is None and attribute == "mount":
+        raise KeyError(f"{name}: the terminal has mount, whose vectors may not change by themselves")
     if value is None and (isinstance(kind, Number | PerAxis) or apart):
-        raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
+        raise KeyError(f"{name}: {key} is not set here: give it a value first")
     if isinstance(kind, PerAxis):
         if row is None and np.all(np.asarray(value) == np.ravel(value)[0]):
             return ((attribute, ...) if np.ndim(value) else (attribute,)), kind.of
@@ -236,7 +238,7 @@ def _find_number(
     if isinstance(kind, Integer):
         said = "is a whole number, no single number that has a slope"
     elif isinstance(kind, Number) and isinstance(value, str):
-        said = f"is not a number here but {value}"
+        said = f'is "{value}" here, and no number'
     elif isinstance(kind, Number):
         said = "is a single number: write no index"
     elif isinstance(kind, Array | Moments | TargetList | Axis):

@@ -125,11 +125,11 @@ def test_numbers_of_arrays_are_traced_where_they_stand():
         ("spacecraft.torque_limit_nm", r"3 numbers that differ, write torque_limit_nm\[0\]"),
         ("spacecraft.terminal[0].rate_limit_deg_s[0]", "is a single number: write no index"),
         ("spacecraft.rate_limit_deg_s[3]", r"has 3 numbers, the last is rate_limit_deg_s\[2\]"),
-        ("spacecraft.jerk_limit_deg_s3[1]", "not a number here but not set: give it a value first"),
+        ("spacecraft.jerk_limit_deg_s3[1]", "is not set here: give it a value first"),
         ("search.seed", "no single number"),
         ("search[0].clearance_deg", "no table with rows"),
         ("trajectory.", "is no key"),
-        ("trajectory.node_tube_deg", "not a number here but not set: give it a value first"),
+        ("trajectory.node_tube_deg", "is not set here: give it a value first"),
         ("search.max_expansions", "is a whole number"),
     ],
 )
@@ -155,13 +155,23 @@ def test_one_axis_of_a_limit_that_all_share_gets_a_number_of_its_own():
 
 
 def test_limits_that_are_not_set_are_no_numbers():
-    with pytest.raises(KeyError, match="not set: give it a value first"):
+    with pytest.raises(KeyError, match="not set here: give it a value first"):
         find_number(CASE, "spacecraft.torque_limit_nm[0]")
+
+
+def test_a_mounting_by_vectors_has_no_angle():
+    terminal = replace(
+        CASE.spacecraft.terminals[0], mount=None, mounting=jp.Mount(yaw_axis=[0, 0, 1], boresight=[1, 0, 0])
+    )
+    terminals = (terminal, *CASE.spacecraft.terminals[1:])
+    mounted = replace(CASE, spacecraft=replace(CASE.spacecraft, terminals=terminals))
+    with pytest.raises(KeyError, match="has mount, whose vectors may not change by themselves"):
+        find_number(mounted, "spacecraft.terminal[0].mount_deg")
 
 
 def test_a_word_is_no_number():
     stretched = replace(CASE, trajectory=replace(CASE.trajectory, duration="stretched"))
-    with pytest.raises(KeyError, match="not a number here but stretched"):
+    with pytest.raises(KeyError, match='is "stretched" here, and no number'):
         find_number(stretched, "trajectory.duration_s")
 
 
