@@ -257,9 +257,18 @@ def _value_and_slope(
     def value(free: jax.Array) -> jax.Array:
         numbers = {one.place: one.value(z) for one, z in zip(tuned, free, strict=True)}
         changed = with_numbers(scenario, numbers)
-        return aim(replan_to(end, held, changed), changed)
+        return _expect_number(aim(replan_to(end, held, changed), changed))
 
     return jax.value_and_grad(value)(free)
+
+
+def _expect_number(found: Any) -> jax.Array:
+    """Return what an objective returned; raises a TypeError if it is no single number."""
+    if not isinstance(found, int | float | np.generic | np.ndarray | jax.Array):
+        raise TypeError(f"objective: must return a number, not {type(found).__name__}")
+    if np.shape(found):
+        raise TypeError(f"objective: must return a single number, not an array of shape {np.shape(found)}")
+    return jnp.asarray(found, float)
 
 
 _slope = quick_jit(_value_and_slope, static_argnums=(3, 4))

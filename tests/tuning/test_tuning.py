@@ -387,6 +387,18 @@ def test_only_the_same_call_is_gone_on_with():
             jp.tune(**asked)
 
 
+@pytest.mark.parametrize(
+    ("objective", "said"),
+    [
+        (lambda trajectory, scenario: None, "number, not NoneType"),
+        (lambda trajectory, scenario: jnp.ones(3), r"single number, not an array of shape \(3,\)"),
+    ],
+)
+def test_an_objective_that_returns_no_single_number_is_refused_by_name(objective, said):
+    with pytest.raises(TypeError, match=f"objective: must return a .*{said}"):
+        jp.tune(CASE, objective, over=["trajectory.rate_weight"], steps=1, progress=False)
+
+
 def test_an_objective_that_is_no_number_ends_the_descent_before_it():
     over = {"trajectory.duration_s": (20.0, 60.0)}
     with pytest.raises(ValueError, match="not finite at the numbers to begin with"):
