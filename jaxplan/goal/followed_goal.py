@@ -93,7 +93,9 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
     joints = np.clip(problem.joints(goal.attitude), *problem.ranges.T)
     joints, made = settled(problem, goal.attitude, joints)
     doubts = []
-    if not soonest and goal.slew_angle > np.pi - _HALF_TURN_ROUNDING:
+    fixed = craft.device_names[len(craft.device_names) - len(craft.instruments) :]
+    rolls = len(set(targets.names(craft)).intersection(fixed)) < 2  # two instruments fix the attitude
+    if not soonest and rolls and goal.slew_angle > np.pi - _HALF_TURN_ROUNDING:
         doubts.append(_HALF_TURN_DOUBT)
     if any(move.ties for move in made):
         doubts.append(

@@ -18,6 +18,7 @@ from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.geometry import quaternion
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.runtime.display import shown
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_energy import LeastMotion, Nodes, Wanted
@@ -241,14 +242,22 @@ def overrun(
     worst, instant = np.unravel_index(np.argmax(shares), shares.shape)
     if shares[worst, instant] <= 1 + LIMIT_ALLOWANCE:
         return ""
-    owner, name = [(limit, name) for limit in every for name in limit.names][worst]
-    when = f"would reach {shares[worst, instant]:.4g} times its limit at {begin + times[instant]:.2f} s"
-    if owner.quantity.of_wheels and owner.quantity.power == 1:
-        return (
-            f"the wheel {name} {when}, by what is stored and the attitude there: lower "
-            "spacecraft.wheel.stored_nms, raise momentum_nms, or do something else before"
-        )
-    return f"{'the wheel ' * owner.quantity.of_wheels}{name} {when}{', as targets move then' * moving}"
+    limit, row = [(limit, row) for limit in every for row in range(len(limit.names))][worst]
+    name = limit.names[row]
+    if limit.quantity.of_wheels:
+        owner = limit.owners[row]
+        whose = f'wheel "{owner}"' if craft.allocation == PSEUDO_INVERSE else f"the {owner}"
+        name = f"the {limit.quantity.word} of {whose}"
+    share, when = shares[worst, instant], begin + times[instant]
+    told = f"{name} would reach {share:.4g} times its limit at {when:.2f} s"
+    if limit.quantity.of_wheels and limit.quantity.power == 1:
+        resting = abs(float(np.asarray(loads.resting_momenta)[row, instant]))
+        if resting > float(limit.bound[row]):
+            return (
+                f"{told}, by what is stored and the attitude there: lower spacecraft.wheel.stored_nms, raise "
+                "momentum_nms, or do something else before"
+            )
+    return told + ", as targets move then" * moving
 
 
 def _times_between(times: np.ndarray) -> np.ndarray:

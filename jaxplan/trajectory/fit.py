@@ -37,7 +37,7 @@ class Fit:
     """The result of a method of step 3.
 
     Attributes:
-        trajectory: None if no curve was found, or wheels would be full at the goal; else with
+        trajectory: None if no curve was found, or what is asked at an end is impossible; else with
             LIMITS_TOO_TIGHT, the one that breaks limits, and with UNCERTIFIED, the one that breaks a zone or
             the range of a joint.
         status: OK, LIMITS_TOO_TIGHT, UNCERTIFIED or INFEASIBLE.

@@ -94,7 +94,7 @@ def in_time(attempt: Attempt, duration: float, *, tighter: float) -> InitialGues
 
 
 def shorter(attempt: Attempt) -> InitialGuess | None:
-    """An attempt's curve on its breaks, from which the shortest motion near it is looked for."""
+    """An attempt's curve, on its breaks, to look for the shortest motion near it; None beyond charts."""
     own = attempt.solution
     return first_curve(
         attempt.problem, attempt.discrete.mesh, own.duration, "shortest", coefficients=own.coefficients

@@ -87,8 +87,9 @@ class Attempt:
 
     @property
     def may_leave_tube(self) -> bool:
-        """Whether the tube that was tried is not one that the settings ask for."""
-        return bool(np.isfinite(self.radius)) and self.problem.settings.node_tube is None
+        """Whether it had to stay in a tube that the settings do not ask for."""
+        in_tube = np.isfinite(self.radius) and np.isfinite(self.problem.radius)
+        return bool(in_tube) and self.problem.settings.node_tube is None
 
     @property
     def sound(self) -> bool:

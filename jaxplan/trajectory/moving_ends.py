@@ -18,7 +18,8 @@ _LEAST_TIGHTENING = 1e-4  # of the limits, by which they are taken tighter at le
 _MOST_TIGHTENING = 0.05  # of the limits, by which they are taken tighter at most
 _MAX_TIGHTENINGS = 6  # most times that limits are taken tighter
 _NEARLY_KEPT = 1.1  # factor on time; motions that need more to keep the limits are not mended by tighter ones
-_UNUSED_LIMIT_SHARES = (1e-3, 1e-2)  # of the limits, least and most that motions along a path leave unused
+_PATH_UNUSED_SHARES = (1e-3, 1e-2)  # of the limits, least and most that motions along a path leave unused
+_PROLONGED_UNUSED_SHARE = 1e-3  # of the limits, that prolonged motions leave unused
 _MAX_DURATION_FACTOR = 1.1  # largest factor from the first duration of a motion along a path to the second
 _MAX_DURATIONS = 8  # most durations of motions along a path
 _CONVERGED_STRETCH = 1.01  # factor on time; a shortest motion that needs more was not found yet
@@ -77,7 +78,8 @@ class MovingEnds:
         best, tighter = dict(attempts), dict.fromkeys(attempts, 0.0)
 
         def begin(n: int, look: int) -> InitialGuess | None:
-            own, beyond = best[n], 2**look * max(_LEAST_TIGHTENING, best[n].peaks.stretch - 1)
+            own, excess = best[n], max(_LEAST_TIGHTENING, best[n].peaks.stretch - 1)
+            beyond = min(2**look * excess, _MOST_TIGHTENING)
             tighter[n] = min(tighter[n] + beyond, _MOST_TIGHTENING)
             longer = own.duration * (1 + 1.5 * beyond)  # tighter limits by themselves take more time
             return guesses.in_time(own, durations[n] if durations else longer, tighter=tighter[n])
@@ -95,7 +97,7 @@ class MovingEnds:
 
         def begin(n: int, look: int) -> InitialGuess | None:
             problem, stretch = best[n].problem, best[n].peaks.stretch
-            least, most = _UNUSED_LIMIT_SHARES
+            least, most = _PATH_UNUSED_SHARES
             tighter = min(least + 2 * max(0.0, stretch - 1), most)
             # Tighter limits by themselves make the motion longer by as much.
             longer = float(np.clip(stretch, 1 + tighter, _MAX_DURATION_FACTOR))
@@ -132,7 +134,7 @@ class MovingEnds:
         """Attempts in given durations in s that start from other attempts, on the breaks of these."""
 
         def begin(n: int) -> InitialGuess | None:
-            return guesses.in_time(attempts[n], durations[n], tighter=_UNUSED_LIMIT_SHARES[0])
+            return guesses.in_time(attempts[n], durations[n], tighter=_PROLONGED_UNUSED_SHARE)
 
         return self._attempt(attempts, begin)
 

@@ -106,18 +106,23 @@ def _fit_of_attempt(attempt: Attempt, *, stretch: bool) -> Fit:
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
 
 
-def limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
+def limits_too_tight(
+    closest: Attempt, duration: float, needed: float | None, shorter: float | None = None
+) -> Fit:
     """Make the fit, LIMITS_TOO_TIGHT, of an attempt that breaks a limit.
 
     Args:
         closest: the attempt that comes nearest to keeping the limits.
         duration: the one asked for, s.
         needed: duration in which all limits are kept, s; None if none was found.
+        shorter: a duration below the one asked for in which they are, s; None if none is known.
     """
     problem, enough = closest.problem, None
     if needed is None and np.isinf(closest.peaks.stretch):
         return full_on_the_way(closest.trajectory, problem.spacecraft)
-    if needed is not None:
+    if shorter is not None:
+        enough = f'there is a motion in {shorter:.2f} s: set trajectory.duration_s to "minimum"'
+    elif needed is not None:
         enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
     else_try = _RATES_ADVICE if problem.at_speed else 'set it to "minimum"'
     return Fit(
@@ -190,10 +195,12 @@ def overloaded_at_an_end(problem: FitProblem) -> Fit | None:
         name = max(shares, key=shares.__getitem__, default="")
         if shares and shares[name] > 1 + _FULL_TOLERANCE:
             more = "spacecraft.wheel.stored_nms, or raise torque_nms" if body.array else "raise that limit"
+            advice = f"lower the rates at the {place}, or {more}"
+            if end and problem.horizon > 0:  # then the rates are those of targets at that time
+                advice = _RATES_ADVICE
             message = (
                 f"at the {place} the rates alone need {shares[name]:.4g} times the limit of {name}, in "
-                "whatever time the motion is made, as the momentum there turns with the body: lower the "
-                f"rates at the {place}, or {more}"
+                f"whatever time the motion is made, as the momentum there turns with the body: {advice}"
             )
             return Fit(trajectory=None, status=Status.LIMITS_TOO_TIGHT, message=message, short_of="torque")
     return None

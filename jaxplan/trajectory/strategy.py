@@ -15,7 +15,6 @@ strict lower bound of the duration.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -95,8 +94,8 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 def _prepare(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """Make the problem of a query and the index there of each given node, or the fit if it is known at once.
 
-    It is known if nothing moves, numbers are not finite, or wheels would be full at the goal. See `fit` on
-    errors.
+    It is known if nothing moves, numbers are not finite, wheels would be full at the goal, or rates at an end
+    alone need more torque than there is. See `fit` on errors.
     """
     spacecraft, fractions = query.spacecraft, query.node_fractions
     path, rates = checked(query)
@@ -212,10 +211,9 @@ class Strategy:
             if kept and not own.problem.at_speed:
                 fits[n] = success(own.scaled(duration))
             else:
-                in_time = own.scaled(duration)
-                if own.problem.at_speed:  # scaled, it would begin with other rates
-                    in_time = replace(own, peaks=in_time.peaks)
-                fits[n] = limits_too_tight(attempts[n] or in_time, duration, needed)
+                shorter = own.duration if own.problem.at_speed and own.good and needed is None else None
+                closest = attempts[n] or own.scaled(duration)
+                fits[n] = limits_too_tight(closest, duration, needed, shorter)
         return fits
 
     def _attempt_in_time(
@@ -362,7 +360,8 @@ class Strategy:
         moving = self._moving.slow_to_limits({n: own for n, own in best.items() if own.problem.at_speed})
         lost = {n: own.problem for n, own in moving.items() if not own.good and own.may_leave_tube}
         without = {n: own for n, own in self.shortest(lost, _no_tube).items() if own is not None}
-        best |= moving | self._moving.slow_to_limits(without)
+        free = {n: own for n, own in self._moving.slow_to_limits(without).items() if own.good}
+        best |= moving | free
         for n, own in best.items():
             if not own.problem.at_speed and np.isfinite(own.peaks.stretch):
                 fits[n] = success(own, stretch=True)

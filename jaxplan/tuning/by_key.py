@@ -37,8 +37,9 @@ from jaxplan.tuning.objectives import (
 _LINE_WIDTH = 110  # most characters in a line of names
 _NOT_LISTED = (
     "not listed: numbers that are left at their defaults, and those of directions and matrices, such as an "
-    "inertia; jp.differentiable has the slopes of all"
+    "inertia"
 )
+_IN_CODE = "; jp.differentiable has the slopes of all"
 _EFFECT_SHARE = 0.01  # fraction of a number by which `effect` lets it grow
 _SLOPE_TOLERANCE = 1e-12  # fraction of the largest slope; smaller ones count as zero
 
@@ -110,6 +111,11 @@ class Sensitivities:
         rows = [tuple(getattr(row, name) for name in names) for row in self.rows]
         return np.array(rows, dtype=[(name, kinds[name]) for name in names])
 
+    @property
+    def _left_out(self) -> str:
+        """Text on the numbers that are neither in `rows` nor in `without_effect`."""
+        return _NOT_LISTED + _IN_CODE * (self.measure != TOTAL_TIME)
+
     def __str__(self) -> str:
         more = "1 % more" + f", {self.unit}" * bool(self.unit)
         head = ("number", "value", "", f"slope of {self.measure}", "", more)
@@ -131,7 +137,7 @@ class Sensitivities:
             lines += textwrap.wrap(
                 names, _LINE_WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
             )
-        for text in (self.note, _NOT_LISTED):
+        for text in (self.note, self._left_out):
             lines += textwrap.wrap(text, _LINE_WIDTH, subsequent_indent="  ")
         return "\n".join(lines)
 
@@ -146,7 +152,7 @@ class Sensitivities:
         ]
         caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
         rows += [(name, "slope 0") for name in self.without_effect]
-        rows += [("note", text) for text in (self.note, _NOT_LISTED) if text]
+        rows += [("note", text) for text in (self.note, self._left_out) if text]
         return as_table(caption, rows)
 
 
