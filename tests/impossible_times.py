@@ -103,7 +103,7 @@ CASES = {
             keep_out=(),
         ),
         S.LIMITS_TOO_TIGHT,
-        ("wheel-4 momentum", "times its limit"),
+        ('momentum of wheel "wheel-4"', "times its limit", "as targets move then"),
     ),
     "wheels too weak for a target": Case(
         lambda: images(
