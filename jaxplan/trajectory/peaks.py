@@ -48,6 +48,9 @@ from jaxplan.trajectory.splines import derivative_matrix
 
 SAFETY = 1 + 1e-6  # factor on time beyond what the peaks require, so that an independent proof has room
 
+# Of a limit, by which it may be exceeded and counts as kept: a joint that binds is at its limit but for
+# rounding, and whether there is a motion must not hang on that. The certificate forgives ten times as much.
+_LIMIT_ROUNDING = 1e-10
 _RANGE_ROUNDING = 1e-9  # of a joint's range, by which it may be exceeded, since a node may be at its very end
 
 _REFINEMENT_FACTOR = 2  # factor on the number of points, where stages turn far on a piece
@@ -93,7 +96,7 @@ class Peaks:
     @property
     def kept(self) -> bool:
         """Whether all limits but those of joint angles are kept as it is; a slower motion may break one."""
-        return self.stretch <= 1 or bool(np.all(self.ratios <= 1))
+        return self.stretch <= 1 + _LIMIT_ROUNDING or bool(np.all(self.ratios <= 1 + _LIMIT_ROUNDING))
 
     @property
     def sound(self) -> bool:
