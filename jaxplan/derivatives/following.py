@@ -77,7 +77,7 @@ def plan_near(plan: Plan, scenario: Scenario, near: Trajectory | None = None) ->
     """
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
-    if plan.trajectory is not None and not plan.trajectory.duration:
+    if not plan.path.edges:
         raise ValueError(
             f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed: "
             f"plan {scenario.name} by jp.plan"
