@@ -87,7 +87,7 @@ class Attempt:
 
     @property
     def may_leave_tube(self) -> bool:
-        """Whether it had to stay in a tube that the settings do not ask for."""
+        """Whether the motion was kept in a tube about the nodes that the settings do not ask for."""
         in_tube = np.isfinite(self.radius) and np.isfinite(self.problem.radius)
         return bool(in_tube) and self.problem.settings.node_tube is None
 
@@ -108,7 +108,7 @@ class Attempt:
 
     @property
     def good(self) -> bool:
-        """Whether it is sound and keeps all limits as it is."""
+        """Whether the attempt is sound, and its motion keeps all limits without being slowed down."""
         return self.sound and self.kept
 
     @property

@@ -140,7 +140,7 @@ class MovingEnds:
 
 
 def _is_enough(attempt: Attempt) -> bool:
-    """Whether limits, zones and ranges are kept, and the nodes are passed in a tube that was asked for.
+    """Tell whether an attempt keeps limits, zones and ranges, and any tube that was asked for.
 
     A motion that does not stay in any other tube is looked for without one, which is quicker than in it.
     """

@@ -399,5 +399,5 @@ def _is_to_be_stretched(problem: FitProblem) -> bool:
 
 
 def _is_slow_in_its_tube(attempt: Attempt) -> bool:
-    """Whether a motion is much slower than the bound, and had to stay in a tube that nobody asked for."""
+    """Tell whether an attempt takes much longer than the bound in a tube that nobody asked for."""
     return attempt.may_leave_tube and attempt.sound and attempt.needed > _SLOW_RATIO * attempt.problem.bound
