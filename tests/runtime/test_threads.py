@@ -1,4 +1,5 @@
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
@@ -53,7 +54,7 @@ def test_plans_are_held_and_followed_with_one_thread(two_threads, monkeypatch):
     monkeypatch.setattr(held, "followed_by", look)
     monkeypatch.setattr(following, "find_goals", look)
     scenario = jp.paper_case(1)
-    plan = jp.Plan(scenario=scenario, status=jp.Status.OK, path=(), goal=())
+    plan = jp.Plan(scenario=scenario, status=jp.Status.OK, path=SimpleNamespace(edges=1), goal=())
     with pytest.raises(ZeroDivisionError):
         jp.hold(plan)
     for follow in (jp.follow, follow_and_hold):
