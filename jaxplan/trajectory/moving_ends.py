@@ -125,13 +125,16 @@ class MovingEnds:
                 n: own.duration * (durations[n] / own.duration) ** (1 / left) if left > 1 else durations[n]
                 for n, own in best.items()
             }
-            made = self._attempt_nearby(best, longer)
+            made = self.nearby(best, longer)
             best = {n: own for n, own in made.items() if own is not None}
             best = self.keep_limits(best, longer)
         return best
 
-    def _attempt_nearby(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
-        """Attempts in given durations in s that start from other attempts, on the breaks of these."""
+    def nearby(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
+        """Attempts in given durations, s, each near another one, on the breaks of that; limits may be broken.
+
+        There is none where the nodes leave every chart.
+        """
 
         def begin(n: int) -> InitialGuess | None:
             return guesses.in_time(attempts[n], durations[n], tighter=_PROLONGED_UNUSED_SHARE)

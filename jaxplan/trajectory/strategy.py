@@ -179,41 +179,40 @@ class Strategy:
         """Fits in given durations; if one fails, the shortest motion tells which duration is needed."""
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
-        attempts = dict.fromkeys(problems) | self._attempt_in_time(possible, durations)
-        moving = {n: own for n, own in attempts.items() if own is not None and own.problem.at_speed}
-        attempts |= self._moving.keep_limits(moving, durations)
-        fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.kept}
+        closest = dict.fromkeys(problems) | self._attempt_in_time(possible, durations)
+        closest |= self._moving.keep_limits(_at_speed(closest), durations)
+        fits = {n: success(own) for n, own in closest.items() if own is not None and own.peaks.kept}
         # The shortest motion says whether there is one at all, and what to ask for. Where the bound says that
         # there is none, the one along the path is enough for that.
         left = {n: one for n, one in problems.items() if n not in fits}
-        best = self.shortest({n: one for n, one in left.items() if n in possible}, _no_tube)
+        quickest = self.shortest({n: one for n, one in left.items() if n in possible}, _no_tube)
         hopeless = {n: one for n, one in left.items() if n not in possible}
-        best |= self._attempt_along(hopeless, "shortest", _no_tube)
-        fits |= {n: beyond_charts() for n, own in best.items() if own is None}
-        quickest = {n: own for n, own in best.items() if own is not None}
-        quickest |= self._moving.slow_to_limits(
-            {n: own for n, own in quickest.items() if own.problem.at_speed}
-        )
-        swift = {n: own for n, own in quickest.items() if own.problem.at_speed and own.good}
-        near = self._moving.prolong(
-            {n: own for n, own in swift.items() if own.duration <= durations[n]}, durations
-        )
-        fits |= {n: success(own) for n, own in near.items() if own.kept}
+        quickest |= self._attempt_along(hopeless, "shortest", _no_tube)
+        moving = _at_speed(quickest)
         for n, own in quickest.items():
-            if n in fits:
-                continue
-            duration, needed = durations[n], None
-            if own.problem.at_speed:
-                needed = own.duration if own.good and own.duration > duration else None
-            elif own.sound and np.isfinite(own.peaks.stretch):
-                needed = own.needed * SAFETY
-            kept = needed is not None and needed <= (1 + _DURATION_ROUNDING) * duration
-            if kept and not own.problem.at_speed:
-                fits[n] = success(own.scaled(duration))
-            else:
-                shorter = own.duration if own.problem.at_speed and own.good and needed is None else None
-                closest = attempts[n] or own.scaled(duration)
-                fits[n] = limits_too_tight(closest, duration, needed, shorter)
+            if own is None:
+                fits[n] = beyond_charts()
+            elif n not in moving:
+                fits[n] = _scaled_to(durations[n], own, closest[n])
+        return fits | self._prolonged_to(durations, moving, closest)
+
+    def _prolonged_to(
+        self, durations: Mapping[int, float], quickest: Mapping[int, Attempt], closest: Attempts
+    ) -> dict[int, Fit]:
+        """Fits in given durations, s, from the shortest motions with rates at the ends; some may fail.
+
+        Where `closest` has no attempt in the given duration, a failed fit shows one near the shortest motion.
+        """
+        slowed = self._moving.slow_to_limits(quickest)
+        swift = {n: own for n, own in slowed.items() if own.good and own.duration <= durations[n]}
+        longer = self._moving.prolong(swift, durations)
+        fits = {n: success(own) for n, own in longer.items() if own.kept}
+        failed = {n: own for n, own in slowed.items() if n not in fits}
+        shown = self._moving.nearby({n: own for n, own in failed.items() if closest[n] is None}, durations)
+        for n, own in failed.items():
+            given, found = durations[n], own.duration if own.good else None
+            needed, shorter = (found, None) if own.duration > given else (None, found)
+            fits[n] = limits_too_tight(closest[n] or shown.get(n) or own, given, needed, shorter)
         return fits
 
     def _attempt_in_time(
@@ -357,7 +356,7 @@ class Strategy:
         """Make fits from attempts, each in the shortest time in which its motion keeps all limits."""
         fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
-        moving = self._moving.slow_to_limits({n: own for n, own in best.items() if own.problem.at_speed})
+        moving = self._moving.slow_to_limits(_at_speed(best))
         lost = {n: own.problem for n, own in moving.items() if not own.good and own.may_leave_tube}
         without = {n: own for n, own in self.shortest(lost, _no_tube).items() if own is not None}
         free = {n: own for n, own in self._moving.slow_to_limits(without).items() if own.good}
@@ -391,6 +390,22 @@ class Strategy:
             return {}
         with self.seconds.shared(numbers):
             return dict(zip(numbers, make_attempts([begin(n) for n in numbers]), strict=True))
+
+
+def _scaled_to(duration: float, quickest: Attempt, closest: Attempt | None) -> Fit:
+    """The fit in a given duration, s, that is the shortest motion from rest to rest, slowed; it may fail.
+
+    A failed one shows `closest`, if there is such an attempt in this duration.
+    """
+    needed = quickest.needed * SAFETY if quickest.sound and np.isfinite(quickest.peaks.stretch) else None
+    if needed is not None and needed <= (1 + _DURATION_ROUNDING) * duration:
+        return success(quickest.scaled(duration))
+    return limits_too_tight(closest or quickest.scaled(duration), duration, needed)
+
+
+def _at_speed(attempts: Mapping[int, Attempt | None]) -> dict[int, Attempt]:
+    """Those of attempts that have a rate at an end."""
+    return {n: own for n, own in attempts.items() if own is not None and own.problem.at_speed}
 
 
 def _is_to_be_stretched(problem: FitProblem) -> bool:

@@ -88,6 +88,16 @@ def test_a_number_that_is_too_small_is_answered_with_the_shortest_duration():
     assert told == pytest.approx(shortest.trajectory.duration, rel=0.02)
 
 
+@pytest.mark.slow
+def test_a_motion_in_less_time_than_any_needs_is_shown_with_the_rates_that_were_given():
+    too_short = [20.0, 60.0, 150.0]  # s, the first below what can be proved to be needed
+    for plan in jp.plan_batch([turning(0.02, each) for each in too_short], progress=False):
+        assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+        assert plan.trajectory.duration == plan.scenario.trajectory.duration
+        ends = plan.trajectory.sample(np.array([0.0, plan.trajectory.duration]))
+        np.testing.assert_allclose(ends.angular_velocity, [START_RATES, [0.0, 0.0, 0.0]], atol=1e-12)
+
+
 def test_a_stretched_motion_leaves_the_nodes_where_they_make_it_slow():
     stretched, shortest = planned([about_one_axis(-0.02, 1.0, each) for each in ("stretched", "minimum")])
     assert stretched < 1.1 * shortest
