@@ -46,7 +46,7 @@ SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
 _GRID_POINTS = (121, 41)  # grid points over a drive's angle, and over each of a terminal's two angles
 _BISECTIONS = 40  # bisections that find the share of the line
-_GRID_REFINEMENTS = 3  # further grids, each four spacings of the one before wide
+_GRID_REFINEMENTS = 3  # further grids, each four spacings of the one before wide, about its best place
 _TIE_TOLERANCE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
 
 
@@ -240,7 +240,7 @@ def _joints_at_share(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: A
     return joints[own] + share * (low + move.toward * (high - low) - joints[own])
 
 
-def _rows_about_device(problem: GoalProblem, number: int) -> np.ndarray:
+def rows_about_device(problem: GoalProblem, number: int) -> np.ndarray:
     """Tell which of Z rows are of constraints that bind a sight of a device or have one as axis."""
     rows = problem.rows
     takes_part = problem.sights.carriers == number
@@ -262,8 +262,7 @@ def _least_margin(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
     attitudes = np.broadcast_to(attitude, (*joints.shape[:-1], 3, 3))
     margins = constraint_margins(problem.rows, problem.margins(attitudes, joints))
     return (
-        np.min(np.where(_rows_about_device(problem, number), margins, np.inf), axis=-1, initial=np.inf)
-        - SPARE
+        np.min(np.where(rows_about_device(problem, number), margins, np.inf), axis=-1, initial=np.inf) - SPARE
     )
 
 
@@ -273,19 +272,19 @@ def _make_way(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, nu
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
     best: np.ndarray | None = None
-    window = ranges
+    cost, window = np.inf, ranges
     for _ in range(1 + _GRID_REFINEMENTS):
         axes = [np.linspace(ends[0], ends[1], _GRID_POINTS[len(own) - 1]) for ends in window]
         places = np.stack([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=-1)
-        clear = places[_least_margin(problem, attitude, _joints_at_places(joints, own, places), number) >= 0]
-        if not len(clear):
-            break
-        cost = np.max(np.abs(clear - wanted) / rates, axis=-1)
-        nearest = clear[np.argmin(cost)]
-        if best is None or np.max(np.abs(nearest - wanted) / rates) < np.max(np.abs(best - wanted) / rates):
-            best = nearest
+        margins = _least_margin(problem, attitude, _joints_at_places(joints, own, places), number)
+        clear = places[margins >= 0]
+        if len(clear):
+            costs = np.max(np.abs(clear - wanted) / rates, axis=-1)
+            if np.min(costs) < cost:
+                best, cost = clear[np.argmin(costs)], np.min(costs)
+        centre = places[np.argmax(margins)] if best is None else best  # a clear place may lie between
         around = 2 * np.array([axis[1] - axis[0] for axis in axes])
-        window = np.clip(np.stack([best - around, best + around], axis=-1), ranges[:, :1], ranges[:, 1:])
+        window = np.clip(np.stack([centre - around, centre + around], axis=-1), ranges[:, :1], ranges[:, 1:])
     if best is None:
         return None
     share, step = 1.0, 0.5  # of the line from where it would rather be
@@ -322,7 +321,7 @@ def _record_made_way(
     """
     margins = problem.margins(attitude, joints)
     least = float(_least_margin(problem, attitude, joints, number)) + SPARE
-    counts = problem.rows.bound & _rows_about_device(problem, number)[:, None]
+    counts = problem.rows.bound & rows_about_device(problem, number)[:, None]
     off = np.where(counts, np.abs(margins - least), np.inf)
     row, sight = np.unravel_index(np.argmin(off), off.shape)
     own = tuple(problem.spacecraft.gimbals.joints_of(number).tolist())

@@ -1,22 +1,22 @@
 """Find goals that keep what step 1 leaves open: oblique bounds of joints, and vectors that joints turn.
 
-At a goal every joint is a function of the attitude, so every demand on a state is one on three numbers, the
-rotation vector ``eta`` of equation (2), rad, from the start: ``R = R0 exp(eta^)``. Random attitudes around
-goals that break something, or else everywhere, show where all constraints hold, and by which entries. From
-the nearest of these, sequential quadratic programming (SLSQP of scipy) goes to the least ``|eta|`` while it
-keeps the same entries; wishes come before that, one after the other. It proves nothing: there may be a goal
-that is nearer. What concerns a device without a target is left aside until the attitude is found, since the
-device makes way (`jaxplan.goal.free_devices`).
+The joints of devices with a target are functions of the attitude at a goal, so a demand on a state is one on
+an *unknown* (3 + f,): the rotation vector ``eta`` of equation (2), rad, from the start, ``R = R0 exp(eta^)``,
+and f joints, rad, of devices without a target that some constraint concerns. Random attitudes around goals
+that break something, or else everywhere, show where all constraints hold, and by which entries; at each,
+random joints show whether devices without a target can make way. From the nearest of these, sequential
+quadratic programming (SLSQP of scipy) goes to the least ``|eta|`` while it keeps the same entries; wishes
+come before that, one after the other. It proves nothing: there may be a goal that is nearer. Where devices
+without a target are at the goal found is chosen as at any other (`jaxplan.goal.free_devices`).
 """
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.goal.free_devices import settled
+from jaxplan.goal.free_devices import rows_about_device, settled
 from jaxplan.goal.problem import GoalProblem
 from jaxplan.model.constraints import SIGHT, chosen_entries, constraint_margins
 from jaxplan.model.path import Goal
@@ -34,6 +34,9 @@ APART = np.deg2rad(2.0)
 """rad; goals closer than this count as one."""
 SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
+_DEVICE_SPARE = 2 * SPARE  # rad, as `SPARE`, of devices that make way, which leaves them a place to be found
+_WITH_JOINTS = 1024  # most random attitudes at which joints of devices without a target are looked for
+_JOINT_TRIES = 32  # random joints of each such device at each of them
 AS_NEAR = 1e-6
 """rad; goals whose distances to a wish differ by less are as near to it."""
 _STARTS_AS_NEAR = np.deg2rad(1.0)
@@ -44,29 +47,114 @@ _NEWTON_STEPS = 6  # steps of Newton's method onto the equations; each squares t
 _MAX_DESCENTS = 4  # descents at most, each with the entries that hold best where the one before ended
 
 
-def _equation_residuals(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Return how far the e equations of azimuth and elevation are off at ``eta`` (..., 3), (..., e) rad."""
-    aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
-    off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
-    return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
+class _Unknowns:
+    """What is looked for, and all that is to hold, as functions of it; see the module.
 
+    Args:
+        problem: the problem of step 1.
 
-def _solve_equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Return rotation vectors (..., 3) rad near ``eta`` (..., 3) at which all equations hold.
-
-    They are found by a few steps of Newton's method.
+    Attributes:
+        problem: the problem of step 1.
+        devices: numbers of the devices without a target that a constraint concerns.
+        columns: (f,) numbers of their joints.
+        ranges: (f, 2) rad, of these joints, at the goal.
     """
-    for _ in range(_NEWTON_STEPS if problem.aims.has_equations else 0):
-        slopes = _central_differences(lambda moved: _equation_residuals(problem, moved), eta)
-        off = _equation_residuals(problem, eta)
-        eta = eta - (np.linalg.pinv(slopes, rcond=1e-6) @ off[..., None])[..., 0]
-    return eta
+
+    def __init__(self, problem: GoalProblem) -> None:
+        gimbals = problem.spacecraft.gimbals
+        free = problem.aims.free(gimbals)
+        self.problem = problem
+        self.devices = [number for number in free if np.any(rows_about_device(problem, number))]
+        self.columns = np.concatenate([np.empty(0, int), *(gimbals.joints_of(one) for one in self.devices)])
+        self.ranges = problem.ranges[self.columns]
+
+    def attitudes(self, unknown: np.ndarray) -> np.ndarray:
+        """Attitudes (..., 3, 3), body to inertial, of unknowns (..., 3 + f)."""
+        return self.problem.start @ np.asarray(so3.exp(unknown[..., :3]))
+
+    def joints(self, unknown: np.ndarray) -> np.ndarray:
+        """All joints (..., J) rad, of unknowns (..., 3 + f)."""
+        joints = np.array(self.problem.joints(self.attitudes(unknown)))
+        joints[..., self.columns] = unknown[..., 3:]
+        return joints
+
+    def aim_and_pair_margins(self, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far aims are inside their ranges, and the margins of all pairs, at (..., 3 + f).
+
+        Returns:
+            (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges; and
+            margins (..., Z, S) rad of the pairs of Z rows and S sights. Both are negative where something is
+            broken.
+        """
+        attitudes = self.attitudes(unknown)
+        ranged = ~np.array(self.problem.aims.equations, bool).reshape(-1, 2)
+        left = -self.problem.aims.excess(attitudes)[..., ranged]
+        return left, self.problem.margins(attitudes, self.joints(unknown))
+
+    def equation_residuals(self, unknown: np.ndarray) -> np.ndarray:
+        """Return how far the e equations of azimuth and elevation are off, (..., e) rad, at (..., 3 + f)."""
+        aims = self.problem.aims
+        off = np.stack(aims.angles(self.attitudes(unknown)), axis=-1) - np.mean(aims.ranges, axis=-1)
+        return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
+
+    def solve_equations(self, unknown: np.ndarray) -> np.ndarray:
+        """Return unknowns (..., 3 + f) nearby at which all equations hold.
+
+        They are found by a few steps of Newton's method.
+        """
+        for _ in range(_NEWTON_STEPS if self.problem.aims.has_equations else 0):
+            slopes = _central_differences(self.equation_residuals, unknown)
+            off = self.equation_residuals(unknown)
+            unknown = unknown - (np.linalg.pinv(slopes, rcond=1e-6) @ off[..., None])[..., 0]
+        return unknown
+
+    def feasible(self, etas: np.ndarray, seed: int) -> np.ndarray:
+        """Return unknowns (n, 3 + f) at which everything is kept, of n of the rotation vectors (k, 3) rad.
+
+        Devices without a target, one after the other, stay where they are at the start if that is clear; if
+        not, random joints are tried, and the best ones kept.
+
+        Args:
+            etas: rotation vectors at which all equations hold.
+            seed: seed of the random joints.
+        """
+        rng = np.random.default_rng(np.random.SeedSequence(seed))
+        at_rest = np.clip(self.problem.rest[self.columns], *self.ranges.T)
+        unknown = np.concatenate([etas, np.tile(at_rest, (len(etas), 1))], axis=1)
+        about = [rows_about_device(self.problem, number) for number in self.devices]
+        every = np.ones(len(self.problem.rows.zone), bool)
+        left, _ = self.aim_and_pair_margins(unknown)
+        kept = self._least_margins(unknown, ~np.any(about, axis=0) if about else every) > 0
+        unknown = unknown[kept & (np.min(left, axis=-1, initial=np.inf) > 0)]
+        if about:
+            unknown = unknown[:_WITH_JOINTS]
+        for _ in range(2 if len(about) > 1 else 1):  # each may be in the other's way
+            for number, rows in zip(self.devices, about, strict=True):
+                own = np.isin(self.columns, self.problem.spacecraft.gimbals.joints_of(number))
+                low, high = self.ranges[own].T
+                best = self._least_margins(unknown, rows)
+                for _ in range(_JOINT_TRIES):
+                    open_ = np.flatnonzero(best <= 0)
+                    if not len(open_):
+                        break
+                    tried = unknown[open_]
+                    tried[:, 3:][:, own] = rng.uniform(low, high, (len(open_), len(low)))
+                    margins = self._least_margins(tried, rows)
+                    better = margins > best[open_]
+                    unknown[open_[better]], best[open_[better]] = tried[better], margins[better]
+        return unknown[self._least_margins(unknown, every) > 0]
+
+    def _least_margins(self, unknown: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return the least margins (k,) rad of the constraints in `rows` (Z,) at unknowns (k, 3 + f)."""
+        _, margins = self.aim_and_pair_margins(unknown)
+        kept = constraint_margins(self.problem.rows, margins)
+        return np.asarray(np.min(np.where(rows, kept, np.inf), axis=-1, initial=np.inf))
 
 
-def _central_differences(function: Callable[[np.ndarray], np.ndarray], eta: np.ndarray) -> np.ndarray:
-    """Return central differences (..., c, 3) of a function of ``eta`` (..., 3) with c values."""
-    steps = _DIFFERENCE_STEP * np.eye(3)
-    ahead, behind = (function(eta[..., None, :] + way * steps) for way in (1, -1))
+def _central_differences(function: Callable[[np.ndarray], np.ndarray], place: np.ndarray) -> np.ndarray:
+    """Return central differences (..., c, n) of a function of n numbers (..., n) with c values."""
+    steps = _DIFFERENCE_STEP * np.eye(place.shape[-1])
+    ahead, behind = (function(place[..., None, :] + way * steps) for way in (1, -1))
     return np.swapaxes((ahead - behind) / (2 * _DIFFERENCE_STEP), -1, -2)
 
 
@@ -83,16 +171,15 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
         As many as were found, perhaps none, 2 deg or more apart; with wishes, those nearest to these come
         first.
     """
+    unknowns = _Unknowns(problem)
     for widest in (WIDEST, np.pi):
-        tried = _solve_equations(problem, _draw_around(problem.start, around, widest, seed))
-        left, margins = _aim_and_pair_margins(problem, tried)
-        least = np.min(constraint_margins(problem.rows, margins), axis=-1)
-        tried = tried[(np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)]
+        etas = unknowns.solve_equations(_draw_around(problem.start, around, widest, seed))
+        tried = unknowns.feasible(etas, seed)
         if len(tried):
             break
     found = []
-    for number in _pick_distinct(problem, tried, STARTS_APART, _STARTS_AS_NEAR):
-        eta = _find_local_minimum(problem, tried[number])
+    for number in _pick_distinct(problem, tried[:, :3], STARTS_APART, _STARTS_AS_NEAR):
+        eta = _find_local_minimum(unknowns, tried[number])
         if eta is not None and np.linalg.norm(eta) <= max_slew:
             found.append(eta)
     etas = np.array(found).reshape(-1, 3)
@@ -116,31 +203,6 @@ def beyond(problem: GoalProblem, attitudes: np.ndarray, as_near: float = AS_NEAR
     wishes = problem.wishes
     off = [np.round(np.maximum(one.distance(attitudes) - one.reach, 0) / as_near) for one in wishes]
     return np.stack(off, axis=-1) if wishes else np.zeros((*attitudes.shape[:-2], 0))
-
-
-def _aim_and_pair_margins(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far aims are inside their ranges, and the margins of all pairs, at ``eta`` (..., 3).
-
-    Returns:
-        (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges; and margins
-        (..., Z, S) rad of the pairs of Z rows and S sights. Both are negative where something is broken;
-        margins are infinite where a free device can make way.
-    """
-    attitudes = problem.start @ np.asarray(so3.exp(eta))
-    ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
-    left = -problem.aims.excess(attitudes)[..., ranged]
-    margins = problem.margins(attitudes, problem.joints(attitudes))
-    return left, np.where(_pairs_of_free_devices(problem), np.inf, margins)
-
-
-def _pairs_of_free_devices(problem: GoalProblem) -> np.ndarray:
-    """Tell in which pairs a free device carries the sight, or the sight that is the row's axis.
-
-    The result is (Z, S) bool, Z rows by S sights.
-    """
-    rows, sights = problem.rows, problem.sights
-    free = np.isin(sights.carriers, problem.aims.free(problem.spacecraft.gimbals))
-    return free | ((rows.frame == SIGHT) & free[rows.partner])[:, None]
 
 
 def _draw_around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> np.ndarray:
@@ -177,66 +239,69 @@ def _pick_distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near
     return found
 
 
-def _find_local_minimum(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
+def _find_local_minimum(unknowns: _Unknowns, place: np.ndarray) -> np.ndarray | None:
     """Find a local minimum of the rotation angle near a feasible rotation.
 
     Of a constraint with alternatives (`any_of`) the one that holds best is kept while the angle is minimised;
     where another one holds best at the end, it is minimised again with that one.
 
     Args:
-        problem: with the constraints.
-        eta: (3,) rad, a rotation vector from the start at which every constraint holds.
+        unknowns: with the constraints.
+        place: (3 + f,) rad, an unknown at which every constraint holds.
 
     Returns:
         The rotation vector (3,) rad; None if a constraint does not hold there.
     """
+    rows = unknowns.problem.rows
     before: np.ndarray | None = None
     for _ in range(_MAX_DESCENTS):
-        _, margins = _aim_and_pair_margins(problem, eta)
-        best = chosen_entries(problem.rows, np.min(margins, axis=-1)) == problem.rows.entry
-        which = problem.rows.bound & best[:, None] & ~_pairs_of_free_devices(problem)
+        _, margins = unknowns.aim_and_pair_margins(place)
+        which = rows.bound & (chosen_entries(rows, np.min(margins, axis=-1)) == rows.entry)[:, None]
         if before is not None and np.all(which == before):
             break
-        eta, before = _solve_equations(problem, _run_slsqp(problem, eta, which)), which
-    left, margins = _aim_and_pair_margins(problem, eta)
-    least = np.min([*left, *constraint_margins(problem.rows, margins)])
-    return eta if least >= SPARE / 2 else None
+        place, before = unknowns.solve_equations(_run_slsqp(unknowns, place, which)), which
+    left, margins = unknowns.aim_and_pair_margins(place)
+    least = np.min([*left, *constraint_margins(rows, margins)])
+    return place[:3] if least >= SPARE / 2 else None
 
 
-def _run_slsqp(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Bring wishes near, one after the other, then minimise ``|eta|``; return where SLSQP ends, (3,) rad.
+def _run_slsqp(unknowns: _Unknowns, place: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Bring wishes near, one after the other, then minimise ``|eta|``; return where SLSQP ends, (3 + f,) rad.
 
-    It starts at ``eta`` (3,) and keeps the ranges and equations of the aims, and the margins of the pairs in
-    `which`, a mask of Z rows by S sights.
+    It starts at ``place`` (3 + f,) and keeps the ranges and equations of the aims, the ranges of the joints
+    that are unknown, and the margins of the pairs in `which`, a mask of Z rows by S sights.
     """
     from scipy.optimize import minimize  # slow to import, and seldom needed
 
-    reaches = list[float]()
+    problem, reaches = unknowns.problem, list[float]()
+    spares = np.where(_pairs_of_devices(problem, unknowns.devices), _DEVICE_SPARE, SPARE)[which]
+    ranges = [(None, None)] * 3 + [(low, high) for low, high in unknowns.ranges.tolist()]
 
-    def distance(number: int, eta: np.ndarray) -> np.ndarray:
-        return problem.wishes[number].distance(problem.start @ np.asarray(so3.exp(eta)))
+    def distance(number: int, place: np.ndarray) -> np.ndarray:
+        return problem.wishes[number].distance(unknowns.attitudes(place))
 
-    def spare(eta: np.ndarray) -> np.ndarray:
-        left, margins = _aim_and_pair_margins(problem, eta)
-        near = [reach + AS_NEAR - distance(number, eta)[..., None] for number, reach in enumerate(reaches)]
-        return np.concatenate([*near, np.concatenate([left, margins[..., which]], axis=-1) - SPARE], axis=-1)
+    def spare(place: np.ndarray) -> np.ndarray:
+        left, margins = unknowns.aim_and_pair_margins(place)
+        near = [reach + AS_NEAR - distance(number, place)[..., None] for number, reach in enumerate(reaches)]
+        return np.concatenate([*near, left - SPARE, margins[..., which] - spares], axis=-1)
 
     constraints: list[dict[str, Any]] = [
-        {"type": "ineq", "fun": spare, "jac": lambda eta: _central_differences(spare, eta)},
+        {"type": "ineq", "fun": spare, "jac": lambda place: _central_differences(spare, place)},
     ]
     if problem.aims.has_equations:
-        equations = partial(_equation_residuals, problem)
+        equations = unknowns.equation_residuals
         constraints.append(
-            {"type": "eq", "fun": equations, "jac": lambda eta: _central_differences(equations, eta)}
+            {"type": "eq", "fun": equations, "jac": lambda place: _central_differences(equations, place)}
         )
 
     def ended(
-        cost: Callable[[np.ndarray], Any], slope: Callable[[np.ndarray], Any], eta: np.ndarray
+        cost: Callable[[np.ndarray], Any], slope: Callable[[np.ndarray], Any], place: np.ndarray
     ) -> np.ndarray:
         found = minimize(
             cost,
-            eta,
+            place,
             jac=slope,
+            bounds=ranges,
             method="SLSQP",
             constraints=constraints,
             options={"maxiter": _MAX_SLSQP_ITERATIONS, "ftol": 1e-14},
@@ -245,9 +310,21 @@ def _run_slsqp(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
 
     for number in range(len(problem.wishes)):
 
-        def square(eta: np.ndarray, number: int = number) -> np.ndarray:
-            return distance(number, eta)[..., None] ** 2 / 2
+        def square(place: np.ndarray, number: int = number) -> np.ndarray:
+            return distance(number, place)[..., None] ** 2 / 2
 
-        eta = ended(lambda eta: square(eta)[0], lambda eta: _central_differences(square, eta)[0], eta)
-        reaches.append(float(distance(number, eta)))
-    return ended(lambda eta: eta @ eta / 2, lambda eta: eta, eta)
+        place = ended(
+            lambda place: square(place)[0], lambda place: _central_differences(square, place)[0], place
+        )
+        reaches.append(float(distance(number, place)))
+    turning = np.arange(len(place)) < 3
+    return ended(lambda place: place[:3] @ place[:3] / 2, lambda place: np.where(turning, place, 0.0), place)
+
+
+def _pairs_of_devices(problem: GoalProblem, devices: Sequence[int]) -> np.ndarray:
+    """Tell in which pairs one of some devices carries the sight, or the sight that is the row's axis.
+
+    The result is (Z, S) bool, Z rows by S sights.
+    """
+    rows, carried = problem.rows, np.isin(problem.sights.carriers, devices)
+    return carried | ((rows.frame == SIGHT) & carried[rows.partner])[:, None]

@@ -375,5 +375,5 @@ def test_a_plan_whose_goal_leans_on_what_step_1_leaves_open_is_not_held(moved):
     assert stated_margin(scene, goal.attitude[None], goal.joints[None])[0] < 1e-4
     plan = jp.plan(scene)
     assert plan.ok
-    with pytest.raises(ValueError, match="leans on a bound of joints or a vector that these turn"):
+    with pytest.raises(ValueError, match="leans on a bound of joints, a vector that these turn"):
         jp.hold(plan)
