@@ -24,6 +24,7 @@ Moon's ``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (
 (2015), equatorial of the Earth, so that the flattened Earth lies within the sphere.
 """
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -42,8 +43,8 @@ RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _SECONDS_PER_DAY = 86400.0
 EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _SECONDS_PER_DAY  # rad/s, Earth's rotation (IERS 2010, 5.15)
-_POLE_NODES = 12  # instants between which the Earth's axis is interpolated
-_MAX_POLE_SPAN = 1.1  # days for which that is done
+_POLE_NODES = 12  # instants between which precession and nutation are interpolated
+_MAX_POLE_SPAN = 1.1  # days, most that one polynomial covers
 _MAX_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
 
 
@@ -134,9 +135,17 @@ def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
         (..., 3, 3).
     """
     erfa = library("erfa")
-    tt, ut = terrestrial(epoch, times), universal(epoch, times)
-    true_of_date = erfa.pnm06a(*tt)  # from the GCRS
-    turn = erfa.gmst82(*ut) - erfa.gst06(*ut, *tt, true_of_date)
+    (day, since), (_, universal_since) = terrestrial(epoch, times), universal(epoch, times)
+
+    def slow_numbers(since: np.ndarray) -> np.ndarray:
+        true_of_date = erfa.pnm06a(day, since)  # from the GCRS
+        ut = day, since - ahead
+        turn = erfa.anpm(erfa.gmst82(*ut) - erfa.gst06(*ut, day, since, true_of_date))
+        return np.concatenate([true_of_date.reshape(*since.shape, 9), turn[..., None]], axis=-1)
+
+    ahead = (since - universal_since).flat[0] if np.size(since) else 0.0
+    slow = _interpolated(slow_numbers, since)
+    true_of_date, turn = slow[..., :9].reshape(*np.shape(since), 3, 3), slow[..., 9]
     c, s, o = np.cos(turn), np.sin(turn), np.zeros(np.shape(turn))
     about_z = np.stack([c, s, o, -s, c, o, o, o, o + 1], axis=-1).reshape(*np.shape(turn), 3, 3)
     rotation: np.ndarray = np.swapaxes(true_of_date, -1, -2) @ about_z
@@ -181,23 +190,42 @@ def gcrs_to_earth(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
 def _celestial_pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the Celestial Intermediate Pole's X, Y and the locator s, each (...) rad, of IAU 2006/2000A.
 
-    They have thousands of terms, and change by 5e-9 rad in an hour, so for many instants within a day they
-    are interpolated, by polynomials that are off by less than rounding.
-
     Args:
         day: Terrestrial Time as a Julian date, its first part.
         since: (...) days, its second part.
     """
     erfa = library("erfa")
+    found = _interpolated(lambda since: np.stack(erfa.xys06a(day, since), axis=-1), since)
+    return found[..., 0], found[..., 1], found[..., 2]
+
+
+def _interpolated(slow: Callable[[np.ndarray], np.ndarray], since: np.ndarray) -> np.ndarray:
+    """Return numbers (..., c) that change slowly, at instants (...) in days.
+
+    Precession and nutation have thousands of terms, and change by 5e-9 rad in an hour, so many instants are
+    interpolated, by one polynomial a day, which is off by less than rounding.
+
+    Args:
+        slow: the function from instants (...) to numbers (..., c).
+        since: the instants.
+    """
     low, high = float(np.min(since, initial=np.inf)), float(np.max(since, initial=-np.inf))
-    if np.size(since) <= 2 * _POLE_NODES or not 0 < high - low <= _MAX_POLE_SPAN:
-        found: tuple[np.ndarray, np.ndarray, np.ndarray] = erfa.xys06a(day, since)
-        return found
+    span = high - low if low < high else 0.0
+    days = max(1, int(np.ceil(min(span / _MAX_POLE_SPAN, np.size(since)))))
+    if np.size(since) <= 2 * _POLE_NODES * days or not span:
+        return slow(np.asarray(since))
+    width = span / days
+    day = np.minimum(((since - low) / width).astype(int), days - 1)
     nodes = np.polynomial.chebyshev.chebpts1(_POLE_NODES)
-    at = erfa.xys06a(day, (low + high) / 2 + nodes * (high - low) / 2)
-    fits = np.polynomial.chebyshev.chebfit(nodes, np.stack(at, axis=1), _POLE_NODES - 1)
-    x, y, s = np.polynomial.chebyshev.chebval((2 * since - low - high) / (high - low), fits)
-    return x, y, s
+    found: np.ndarray = np.empty(0)
+    for each in range(days):
+        middle = low + (each + 0.5) * width
+        fits = np.polynomial.chebyshev.chebfit(nodes, slow(middle + nodes * width / 2), _POLE_NODES - 1)
+        if not each:
+            found = np.empty((*since.shape, fits.shape[1]))
+        own = day == each
+        found[own] = np.polynomial.chebyshev.chebval(2 * (since[own] - middle) / width, fits).T
+    return found
 
 
 def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -87,6 +87,14 @@ def test_teme_turns_into_the_gcrs_as_handbooks_say(utc):
     assert np.linalg.norm(found - teme_to_j2000(utc), 2) < TEME_ACCURACY
 
 
+@pytest.mark.parametrize("span", [0.0, 600.0, 86400.0, 250_000.0])
+def test_teme_turns_at_many_instants_as_at_each_by_itself(span):
+    times = np.linspace(-span / 3, 2 * span / 3, 120).reshape(12, 10)
+    found = teme_to_gcrs(parse_epoch(EPOCH), times)
+    alone = [teme_to_gcrs(parse_epoch(EPOCH), each) for each in times.flat]
+    np.testing.assert_allclose(found.reshape(-1, 3, 3), alone, rtol=0, atol=5e-13)
+
+
 def test_leap_seconds_are_counted():
     before, after = (parse_epoch(text) for text in ("2016-12-31T12:00:00", "2017-01-01T12:00:00"))
     assert elapsed(before, after, np.array([0.0, 2.0])).tolist() == [86401.0, 86403.0]
