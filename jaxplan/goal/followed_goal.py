@@ -24,7 +24,10 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import quick_jit
 
 _OPTIMUM_TOLERANCE = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
-_BOUND_DOUBT = "its goal leans on a bound of joints, a vector that these turn, or what a device without a target can reach"
+_BOUND_DOUBT = (
+    "its goal leans on a bound of joints, a vector that these turn, "
+    "or what a device without a target can reach"
+)
 AS_A_STATE = "give the goal as a state"
 """Advice that helps wherever a goal has no slopes; timelines put it in words of their own."""
 _WISH_DOUBT = f"its goal leans on what a device prefers: leave the wish out, or {AS_A_STATE}"
