@@ -22,6 +22,7 @@ from jaxplan.trajectory.peaks import peaks
 
 FOR_LONGER = "let it be known for longer, by more samples or a longer sky.for_duration_s"
 """Advice where a target or a zone that moves is known for a shorter time than the motion takes."""
+_NARROW_STEP = 2.0  # times a keep-in zone's half angle; a step with which paths are found in it
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -164,7 +165,24 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
         )
     return (
         f"no path within search.max_expansions = {settings.max_expansions}: raise it, "
-        f"or try another search.seed{blocked}"
+        f"{_advise_shorter_steps(scenario)}or try another search.seed{blocked}"
+    )
+
+
+def _advise_shorter_steps(scenario: Scenario) -> str:
+    """Return advice to lower the step where a keep-in zone is narrow for it, else an empty text.
+
+    An edge of one step in a zone is seen to stay there only if the zone is wide enough for a bound of how far
+    it may swing out.
+    """
+    step = scenario.search.attitude_step
+    cones = [zone for zone in scenario.keep_in if zone.inside is None]
+    narrowest = min(cones, key=lambda zone: zone.half_angle, default=None)
+    if narrowest is None or _NARROW_STEP * narrowest.half_angle >= step:
+        return ""
+    return (
+        f"lower search.attitude_step_rad (now {step:g}) to {_NARROW_STEP * narrowest.half_angle:.2g}, since "
+        f"keep-in zone {narrowest.name} is narrow, "
     )
 
 

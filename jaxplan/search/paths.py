@@ -17,6 +17,7 @@ from jax import Array
 from jaxplan import so3
 from jaxplan.geometry import quaternion, rotations
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.model.path import Path, step_cost
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search.edges import interval_slacks, motion_margins, straight_lines
@@ -91,15 +92,39 @@ def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[P
     ]
     tried = [number for number, path in enumerate(paths) if path is None]
     passed = np.arange(STRAIGHT_INTERVALS) / STRAIGHT_INTERVALS
-    nearer = np.minimum(passed, passed[::-1])  # of start and goal, as shares of the way
-    calls = []
+    wanted = {}
     for number in tried:
-        scene, clearance = scenes.scenes[number], settings[number].clearance
-        calls.append(straight_call(scene, tapered(clearance, scene.straight_steps * nearer)))
+        scene, nearer = scenes.scenes[number], np.minimum(passed, passed[::-1])  # of start and goal
+        wanted[number] = tapered(settings[number].clearance, scene.straight_steps * nearer)
+    calls = [straight_call(scenes.scenes[number], wanted[number]) for number in tried]
     for number, slacks in zip(tried, scenes.part(tried).answers(calls), strict=True):
-        if np.all(slacks >= 0):
+        unsure = np.flatnonzero(~(slacks >= 0))
+        if not len(unsure) or _are_clear_when_refined(scenes, number, unsure, wanted[number]):
             paths[number] = subdivide(scenes.scenes[number], scenes.scenes[number].ends)
     return paths
+
+
+def _are_clear_when_refined(scenes: Scenes, number: int, unsure: np.ndarray, wanted: np.ndarray) -> bool:
+    """Tell whether some intervals of a straight motion are clear, each cut into as many intervals again.
+
+    In a narrow zone bounds over long intervals do not show that a motion stays there, though it may: a roll
+    about a boresight, or a terminal that stays on its link while the platform turns.
+
+    Args:
+        scenes: the problems.
+        number: that of the scene.
+        unsure: numbers of the intervals of which a bound does not tell.
+        wanted: (STRAIGHT_INTERVALS,) rad of clearance.
+    """
+    scene = scenes.scenes[number]
+    first, last = np.repeat(scene.ends[:, None], len(wanted) + 1, axis=1)
+    corners = between(first, last, np.linspace(0, 1, len(wanted) + 1))
+    states = scene.start_attitude @ quaternion.to_matrix(corners[:, :4]), corners[:, 4:]
+    for rows in scene.tables:
+        if not np.all(constraint_margins(rows, state_margins(rows, scene.sights, *states)) > 0):
+            return False
+    pieces = [Call(_straight_slacks, (corners[k : k + 2], np.full(len(wanted), wanted[k]))) for k in unsure]
+    return all(np.all(slacks >= 0) for slacks in scenes.part([number] * len(pieces)).answers(pieces))
 
 
 def straight_call(scene: Scene, clearance: np.ndarray) -> Call:
