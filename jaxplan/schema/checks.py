@@ -16,7 +16,7 @@ from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
 from jaxplan.model.wheel_reach import shared_out
 from jaxplan.model.wheels import FLAT, MINIMAX, PSEUDO_INVERSE
 from jaxplan.schema.arrays import PerAxis
-from jaxplan.schema.faults import WRONG, Place
+from jaxplan.schema.faults import WRONG, Place, is_wrong
 from jaxplan.schema.inertias import NO_BODY
 from jaxplan.schema.value_kinds import NUMBER, shortest_degrees
 
@@ -197,10 +197,7 @@ def _check_stages(craft: Any, place: Place) -> None:
         for there, _ in given:
             there.fault(f"needs {place['inertia_kg_m2'].path}, that of the whole spacecraft, joints at zero")
         return
-    if WRONG in (craft.terminals, craft.drives):
-        return
-    devices = (*craft.terminals, *craft.drives)
-    if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
+    if is_wrong(craft.terminals) or is_wrong(craft.drives):
         return  # noted before; how devices are mounted may not be known
     with np.errstate(invalid="ignore", divide="ignore"):
         fixed = craft.fixed_inertia
@@ -265,7 +262,7 @@ def check_spacecraft(craft: Any, place: Place) -> None:
         reading.names["gimbal"] = None if drives is None else terminals + drives
         if drives is not None:
             reading.sizes |= {"drive": len(drives), "joint": 2 * len(terminals) + len(drives)}
-        reading.ranges = _joint_ranges(craft)
+            reading.ranges = _joint_ranges(craft)
         each = names.values()
         reading.names["device"] = None if None in each else tuple(name for own in each for name in own or ())
     for key, limit in (
@@ -278,7 +275,10 @@ def check_spacecraft(craft: Any, place: Place) -> None:
 
 
 def _joint_ranges(craft: Any) -> np.ndarray | None:
-    """Return the ranges of a spacecraft's joints, (number of joints, 2) rad; None if devices have faults."""
+    """Return the ranges of a spacecraft's joints, (number of joints, 2) rad; None if some have faults.
+
+    Its terminals and drives were read, but for some of their attributes.
+    """
     parts = ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range")
     if any(getattr(one, part) is WRONG for one in craft.terminals for part in parts):
         return None

@@ -11,6 +11,7 @@ import difflib
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -45,6 +46,13 @@ class ScenarioError(ValueError):
 _NO_VALUE = object()  # no value, since None is one that a JSON file may hold
 WRONG: Any = object()
 """Stands for a value that is wrong, its fault being noted: what readers return, and what attributes have."""
+
+
+def is_wrong(read: Any) -> bool:
+    """Tell whether what was read is `WRONG`, or an attribute of it, an entry of a tuple, or one in these."""
+    if isinstance(read, tuple):
+        return any(map(is_wrong, read))
+    return read is WRONG or (is_dataclass(read) and any(map(is_wrong, vars(read).values())))
 
 
 def quote(text: str) -> str:

@@ -18,7 +18,7 @@ from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.schema.checks import check_unique, placed
-from jaxplan.schema.faults import WRONG, Place, nearest
+from jaxplan.schema.faults import WRONG, Place, is_wrong, nearest
 from jaxplan.schema.orbits import Orbit
 from jaxplan.schema.tables import table
 from jaxplan.schema.value_kinds import Epoch, shortest_degrees
@@ -256,21 +256,27 @@ def _names_in_aim(aim: Aim) -> Iterator[tuple[Place, Followed]]:
 def _resolve_aim(aim: Aim, seen: Known) -> Targets:
     """Return the targets of an aim with directions instead of names; notes faults."""
     end, place = aim.targets, aim.place
-    names: Sequence[str | int] = end.devices or range(len(end.directions))
-    directions = tuple(
-        direction_by_name(target.name, place[aim.key][name], seen, target=True)
-        if isinstance(target, Followed)
-        else target
-        for name, target in zip(names, end.directions, strict=True)
-    )
-    wishes = tuple(
-        replace(wish, direction=direction_by_name(wish.direction.name, place["prefer"][i]["direction"], seen))
-        if wish is not WRONG and isinstance(wish.direction, Followed)
-        else wish
-        for i, wish in enumerate(end.prefer)
-    )
-    moving = any(isinstance(one, DirectionPath) or one is WRONG for one in directions)
-    return replace(end, directions=directions if moving else np.array(directions), prefer=wishes)
+    directions, wishes = end.directions, end.prefer
+    if isinstance(directions, tuple):  # only then may there be names
+        names: Sequence[str | int] = end.devices or range(len(directions))
+        each = tuple(
+            direction_by_name(target.name, place[aim.key][name], seen, target=True)
+            if isinstance(target, Followed)
+            else target
+            for name, target in zip(names, directions, strict=True)
+        )
+        moving = any(isinstance(one, DirectionPath) or one is WRONG for one in each)
+        directions = each if moving else np.array(each)
+    if isinstance(wishes, tuple):  # it is `WRONG` if that is no array
+        wishes = tuple(_resolve_wish(wish, place["prefer"][i], seen) for i, wish in enumerate(wishes))
+    return replace(end, directions=directions, prefer=wishes)
+
+
+def _resolve_wish(wish: Any, place: Place, seen: Known) -> Any:
+    """Return a wish with a direction instead of a name; notes faults."""
+    if wish is WRONG or not isinstance(wish.direction, Followed):
+        return wish
+    return replace(wish, direction=direction_by_name(wish.direction.name, place["direction"], seen))
 
 
 def _followed_zones(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, Followed]]:
@@ -364,7 +370,7 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
         lasting: for how long names are followed if the view does not say.
         place: place of the view.
     """
-    if is_wrong(view) or any(is_wrong(row) for rows in _view_rows(view).values() for row in rows):
+    if is_wrong(view):
         return None  # noted before
     things: dict[str, Any] = {}
     for place_key, rows in _view_rows(view).items():
@@ -396,11 +402,6 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
 def _view_rows(view: View) -> dict[str, tuple[Any, ...]]:
     """Return the satellites, points of the ground and spheres of a view, by their keys in the file."""
     return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
-
-
-def is_wrong(part: Any) -> bool:
-    """Tell whether a part of a view, or an attribute of it, is `WRONG`."""
-    return part is WRONG or any(value is WRONG for value in vars(part).values())
 
 
 def _make_sphere(row: Sphere, things: Mapping[str, Any], place: Place) -> Any:

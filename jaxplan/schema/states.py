@@ -20,10 +20,10 @@ from jaxplan import sky, so3
 from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.runtime.display import shown
 from jaxplan.schema.arrays import QUATERNION, Array, each_drive, each_terminal
-from jaxplan.schema.checks import check_targets
-from jaxplan.schema.faults import WRONG, Place, Reading, nearest
+from jaxplan.schema.checks import check_targets, placed
+from jaxplan.schema.faults import WRONG, Place, Reading, is_wrong, nearest
 from jaxplan.schema.model_tables import ANGLE, ANGLE_DEG, KINDS, declared
-from jaxplan.schema.sky import View, is_wrong
+from jaxplan.schema.sky import View
 from jaxplan.schema.tables import Either, Field, Table
 from jaxplan.schema.value_kinds import Choice, Kind
 
@@ -234,7 +234,7 @@ def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
     targets = make_targets(parts, place)
     if isinstance(by_name, dict) and joints is not WRONG:
         asked = targets.devices or place.reading.names["terminal"] or ()
-        wished = [wish.device for wish in targets.prefer or () if wish is not WRONG]
+        wished = [wish.device for _, wish in placed(targets.prefer, place["prefer"])]
         told = tuple(name for name in by_name if name not in (*asked, *wished))
         targets = replace(targets, hold=told)
     return Pointing(**vars(targets) | {"joints": joints})
@@ -377,9 +377,9 @@ def in_inertial(state: Any, view: Any, time: float | None, place: Place) -> Any:
             'camera = "nadir", with a wish for "ram"'
         )
         return here.fault(complaint, LOCAL)
-    parts = dict(vars(state))
-    if not isinstance(view, View) or is_wrong(view) or any(own is WRONG for own in parts.values()):
+    if not isinstance(view, View) or is_wrong(view) or is_wrong(state):
         return WRONG  # noted before
+    parts = dict(vars(state))
     times = time + _DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])
     try:
         before, then, after = np.swapaxes(

@@ -315,9 +315,8 @@ def _named_paths(parts: _TimelineParts, root: Place) -> dict[str, Any]:
     """
     rows = placed(parts.directions, root["direction"])
     check_unique(rows)
-    view = parts.view
-    things = () if not isinstance(view, View) else (*view.satellites, *view.ground)
-    taken = {getattr(one, "name", None) for one in things} | {*sky.BODIES, *sky.LOCAL}
+    things = [getattr(parts.view, name, ()) for name in ("satellites", "ground")]
+    taken = {one.name for each in things for _, one in placed(each, root)} | {*sky.BODIES, *sky.LOCAL}
     for place, one in rows:
         if one.name in taken and one.name is not WRONG:
             place["name"].fault("is that of a body, a direction, or something in [sky]", one.name)

@@ -157,6 +157,12 @@ def test_a_wrong_value_is_refused_with_its_file_key_and_range(plan, tmp_path):
         assert complaint in message, message
 
 
+@pytest.mark.parametrize("drives", [{}, [1]], ids=str)
+def test_wrong_drives_of_the_scenario_are_refused(plan, tmp_path, drives):
+    content = put(written(plan, tmp_path / "plan.json"), ("scenario", "spacecraft", "drive"), drives)
+    assert "scenario: spacecraft.drive" in refusal_of(content, tmp_path / "bad.json")
+
+
 def places(content: object, keys: tuple[object, ...] = ()):
     """Every place of a plan file, of long arrays only the first entry."""
     pairs = content.items() if isinstance(content, dict) else enumerate(content[:1])

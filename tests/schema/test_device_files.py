@@ -167,6 +167,12 @@ def test_the_pitch_keeps_off_the_pole_whatever_the_file_says(place):
             [0, 2, 0],
             "spacecraft.drive[0].axis = [0, 2, 0]: must be a unit vector, its norm is 2",
         ),
+        (
+            "spacecraft.drive",
+            OBSERVER["spacecraft"]["drive"][0],
+            "spacecraft.drive = (a table): must be an array of tables, each under [[spacecraft.drive]]",
+        ),
+        ("spacecraft.drive", [1], "spacecraft.drive[0] = 1: must be a table"),
         (DRIVE + "name", "antenna", 'drive[0].name = "antenna": the same as spacecraft.terminal[0].name'),
         (
             "start.joints_deg",

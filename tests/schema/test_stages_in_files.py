@@ -134,12 +134,14 @@ def test_what_stages_leave_may_be_a_body_with_masses_away_from_the_middle():
 def test_the_same_is_refused_in_python():
     craft = OBSERVER.spacecraft
     (terminal,) = craft.terminals
+    askew = jp.Mount(yaw_axis=np.array([0.0, 0.0, 2.0]), boresight=np.array([1.0, 0.0, 0.0]))
     for changes, words in (
         ({"inertia": None}, "needs spacecraft.inertia"),
         ({"inertia": INERTIA / 20}, "spacecraft.inertia"),
         ({"terminals": (replace(terminal, yaw_inertia=np.ones(4)),)}, "must be an array of 3 moments"),
         ({"terminals": (replace(terminal, yaw_inertia=np.eye(2)),)}, "must be an array of 3 moments"),
         ({"terminals": (replace(terminal, yaw_inertia=np.array([1, 1, np.nan])),)}, "yaw_inertia"),
+        ({"terminals": (replace(terminal, mounting=askew),)}, "mounting.yaw_axis = [0.0, 0.0, 2.0]"),
     ):
         with pytest.raises(sc.ScenarioError) as caught:
             jp.plan(replace(OBSERVER, spacecraft=replace(craft, **changes)))
