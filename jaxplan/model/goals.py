@@ -20,6 +20,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import as_floats, show
 from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
 
@@ -168,9 +169,17 @@ class Targets:
             targets: for each device name an inertial unit vector (3,), or its path.
             more: other attributes of `Targets`, by name.
 
+        Raises:
+            ValueError: if a target is neither three numbers nor a path.
+
         Example:
             >>> jp.Targets.of({"telescope": [1.0, 0.0, 0.0]}, hold=("antenna",))
         """
+        for name, direction in targets.items():
+            numbers = None if isinstance(direction, DirectionPath) else as_floats(direction)
+            if not isinstance(direction, DirectionPath) and (numbers is None or numbers.shape != (3,)):
+                wanted = "a unit vector of 3 numbers or a path, such as jaxplan.sky.target makes of a name"
+                raise ValueError(f"targets[{name!r}] = {show(direction)}: must be {wanted}")
         each = tuple(targets.values())
         moving = any(isinstance(direction, DirectionPath) for direction in each)
         return cls(
