@@ -255,7 +255,8 @@ def apart(craft: Spacecraft, asked: Targets) -> str | None:
         if abs(between - targets) > 2 * asked.tolerance:
             return (
                 f"{names[one]} and {names[other]} are {np.rad2deg(between):.6g} deg apart, their targets "
-                f"{np.rad2deg(targets):.6g} deg"
+                f"{np.rad2deg(targets):.6g} deg: they differ by {np.rad2deg(abs(between - targets)):.3g} deg "
+                f"and {np.rad2deg(2 * asked.tolerance):.3g} deg is tolerated"
             )
     return None
 

@@ -1,8 +1,10 @@
 """Words on why no attitude lets devices point at their targets, where the best attitude is known."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from builders import make_observer
 
 import jaxplan as jp
@@ -46,8 +48,18 @@ def test_two_instruments_are_told_with_both_angles_and_nothing_of_those_that_agr
     targets[other.name] = -other.boresight
     between = np.rad2deg(np.arccos(one.boresight @ other.boresight))
     assert apart(craft, jp.Targets.of(targets)) == (
-        f"{one.name} and {other.name} are {between:.6g} deg apart, their targets {180 - between:.6g} deg"
+        f"{one.name} and {other.name} are {between:.6g} deg apart, their targets {180 - between:.6g} deg: "
+        f"they differ by {abs(2 * between - 180):.3g} deg and 2e-06 deg is tolerated"
     )
+
+
+@pytest.mark.parametrize(
+    ("direction", "shown"),
+    [("sun", "'sun'"), ([0, 0, 1, 0], "[0, 0, 1, 0]"), ([0, 0, 1, 1, 0, 0], "[0, 0, 1, 1, 0, 0]")],
+)
+def test_a_target_that_is_no_direction_is_told_with_its_device(direction, shown):
+    with pytest.raises(ValueError, match=re.escape(f"targets['camera'] = {shown}: must be a unit vector")):
+        jp.Targets.of({"camera": direction})
 
 
 def test_a_target_in_a_zone_of_its_own_device_is_told_whatever_the_attitude():
