@@ -1,5 +1,6 @@
 """Writing files completely or not at all: under a temporary name beside the target, then renamed."""
 
+import errno
 import os
 import tempfile
 from collections.abc import Iterator
@@ -15,7 +16,12 @@ def replacing_file(target: Path, suffix: str = "", *, private: bool = False) -> 
         target: path of the file; an existing file stays until then. Its folder is created.
         suffix: ending of the temporary name, for writers that depend on it.
         private: whether the file is for this user alone, instead of with the rights of the user's files.
+
+    Raises:
+        IsADirectoryError: if the target is a folder.
     """
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, name a file in it", str(target))
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=f".part{suffix}")
     os.close(handle)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxplan.schema as sc
+from jaxplan.cases import case_path
 
 EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
 TEXT = EVERY_KEY.read_text()
@@ -137,3 +138,10 @@ def test_no_damage_to_a_file_raises_anything_but_its_own_error():
             sc.parse_scenario(text)
             survived += 1
     assert 0 < survived < 1500
+
+
+def test_a_folder_is_no_file_to_write(tmp_path):
+    with pytest.raises(IsADirectoryError, match="is a folder, name a file in it") as caught:
+        sc.save_scenario(sc.load_scenario(case_path("case-1")), tmp_path)
+    assert caught.value.filename == str(tmp_path)
+    assert not list(tmp_path.iterdir())
