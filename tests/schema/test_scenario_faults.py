@@ -11,6 +11,7 @@ from tables import ABSENT
 from trust.bad_scenarios import TABLES, WRONG_VALUES, at, changed, with_fault
 
 import jaxplan.schema as sc
+from jaxplan.schema.faults import nearest
 
 
 def places(value, path=""):
@@ -144,6 +145,13 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "half_angle_deg, body, exclusion_deg, moving, satellite, direction_samples, times_s, devices, "
         "vector, lasts_s, any_of, entry, outside",
     )
+
+
+def test_only_names_that_are_alike_are_suggested_and_each_known_one_is_told_once():
+    assert nearest("priority", ["point", "track"], "keys") == "the keys are point, track"
+    assert nearest("rate_deg_s", ["drive_deg", "yaw_deg"], "keys") == "the keys are drive_deg, yaw_deg"
+    assert nearest("antena", ["antenna", "array"], "names") == "perhaps antenna is meant"
+    assert nearest("sun", ["antenna", "antenna"], "devices") == "the devices are antenna"
 
 
 def test_of_a_zone_with_two_axes_only_that_is_told():
