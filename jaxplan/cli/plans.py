@@ -264,8 +264,8 @@ def load_plan_file(name: str) -> Plan:
     timelines.refuse(name)
     if is_scenario(name):
         raise ValueError(
-            f"{name}: is a scenario and no plan file; make out/plan.json of it with: jaxplan plan "
-            f"{shlex.quote(name)} -o out"
+            f"{name}: is a scenario by its name and no plan file; make out/plan.json of it with: jaxplan "
+            f"plan {shlex.quote(name)} -o out"
         )
     if Path(name).is_dir():
         inside = Path(name) / "plan.json"

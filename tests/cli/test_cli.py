@@ -145,7 +145,10 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         "missing.toml": ("plan", tmp_path / "missing.toml"),
         "case-5": ("plan", "case-5"),
         "missing.json": ("check", tmp_path / "missing.json"),
-        f"{broken}: is a scenario and no plan file; make out/plan.json of it with": ("check", broken),
+        f"{broken}: is a scenario by its name and no plan file; make out/plan.json of it with": (
+            "check",
+            broken,
+        ),
         "keep_out[2].half_angle_deg = 210.0": ("plot", broken),
         "SCENARIO is empty": ("plan", ""),
         "PLAN is empty": ("check", ""),
@@ -200,7 +203,10 @@ def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
         ("check", timings): f"{timings}: holds the timings of a plan, perhaps {plan} is meant",
         ("check", tmp_path / "empty.json"): "jaxplan plan SCENARIO -o DIR makes plan files",
         ("check", tmp_path / "absent.json"): "no such file; jaxplan plan SCENARIO -o DIR makes DIR/plan.json",
-        ("check", "case-2"): "case-2: is a scenario and no plan file; make out/plan.json of it with: jaxplan",
+        (
+            "check",
+            "case-2",
+        ): "case-2: is a scenario by its name and no plan file; make out/plan.json of it with: jaxplan",
         ("plan", tmp_path / "absent.toml"): "jaxplan new writes a file to begin with",
         ("plan", tmp_path / "empty.toml"): "spacecraft: missing, must be a table",
         ("plan", study): "study.toml: not UTF-8 text",
