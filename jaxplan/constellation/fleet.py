@@ -39,6 +39,7 @@ from jaxplan.timeline import TimelinePlan
 from jaxplan.version import __version__
 
 _TOLERANCE_RANGE = math.radians(1e-8), math.radians(1.0)  # rad, of the pointing tolerances allowed
+_MOST_TOLD = 10  # planned satellites that messages name
 
 
 @shown("done", "satellites", "failures", "folder", heading="Fleet of {0.title}")
@@ -99,14 +100,16 @@ class Fleet:
             satellite: number of the satellite.
 
         Raises:
-            ValueError: if the fleet has no satellite of that number.
-            PlanFileError: if the satellite has no plan file, or a damaged one.
+            ValueError: if the fleet has no satellite of that number, or it is not planned.
+            PlanFileError: if its plan file is damaged.
         """
         given: Any = satellite  # it may be anything at run time
         whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
         if not whole or not 0 <= given < self._store.total:
             most = self._store.total - 1
             raise ValueError(f"satellite = {show(given)}: must be an integer in [0, {most}]")
+        if not self._store.place(int(given)).exists():
+            raise ValueError(f"satellite = {given}: is not planned, {_told_planned(self._store.planned())}")
         return self._store.plan(int(given))
 
     def rows(self) -> list[tuple[str, str]]:
@@ -243,6 +246,16 @@ def load_fleet(folder: str | os.PathLike[str]) -> Fleet:
         folder=place,
         table=list(store.rows().values()),
     )
+
+
+def _told_planned(numbers: list[int]) -> str:
+    """Return text on which satellites are planned, the first and the last of many, to end a message."""
+    if not numbers:
+        return "nor is any other"
+    told = list(map(str, numbers))
+    if len(told) > _MOST_TOLD:
+        told = [*told[: _MOST_TOLD - 1], "...", f"{told[-1]} ({len(numbers)} of them)"]
+    return f"planned are {', '.join(told)}"
 
 
 def _plan_satellites(

@@ -130,6 +130,11 @@ class FleetFolder:
         there = row["status"] == CRASHED or is_plan(self.place(satellite))
         return {name: row[name] for name in COLUMNS} if there else None
 
+    def planned(self) -> list[int]:
+        """Return the numbers of the satellites that have a plan file, in ascending order."""
+        names = [path.stem for path in (self.path / _PLANS_FOLDER).glob("*.npz")]
+        return sorted(int(name) for name in names if name.isascii() and name.isdecimal())
+
     def rows(self) -> dict[int, Row]:
         """Read the rows of all satellites that are done, by satellite number in ascending order."""
         found: dict[int, Row] = {}
