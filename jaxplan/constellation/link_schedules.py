@@ -174,7 +174,7 @@ def link_schedule(
     faults = [
         *out_of_range("duration_s", duration_s, "s", 1.0, LONGEST),
         *out_of_range("step_s", step_s, "s", 1.0, LONGEST),
-        *out_of_range("hysteresis", hysteresis, "1", 0.0, 0.9),
+        *out_of_range("hysteresis", hysteresis, "", 0.0, 0.9),
         *out_of_range("lowest_altitude", lowest_altitude, "km", 0.0, 1000.0),
     ]
     if highest_latitude is not None:

@@ -27,7 +27,6 @@ from jaxplan.schema import ScenarioError
 from jaxplan.sky import frames, orbits
 
 PATTERNS = ("delta", "star")
-HIGHEST = 1e6  # km, greatest altitude of a shell; beyond it the Earth holds no satellites
 MOST = 10**6  # largest number of satellites of a shell
 _NOTATION = re.compile(r"\s*([0-9.]+)\s*:\s*([0-9]+)\s*/\s*([0-9]+)\s*/\s*([0-9]+)\s*")
 
@@ -192,7 +191,7 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
 
     Args:
         notation: ``i:T/P/F`` with the inclination in degrees, such as "53:1584/72/39".
-        altitude: km above the equatorial radius, in (0, 1e6].
+        altitude: km above the equatorial radius, in (0, 150000].
         pattern: "delta" or "star".
         epoch_angle: rad, argument of latitude of satellite 0 at time zero.
 
@@ -209,8 +208,8 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
         faults = [f'notation = {notation!r}: must be "i:T/P/F", such as "53:1584/72/39"']
     else:
         faults = _number_faults(found.groups(), notation)
-    if not is_number(altitude) or not 0 < altitude <= HIGHEST:
-        faults.append(f"altitude = {altitude!r}: must be a number of km in (0, {HIGHEST:g}]")
+    if not is_number(altitude) or not 0 < altitude <= orbits.HIGHEST_ALTITUDE:
+        faults.append(f"altitude = {altitude!r}: must be a number of km in (0, {orbits.HIGHEST_ALTITUDE:g}]")
     if pattern not in PATTERNS:
         faults.append(f"pattern = {pattern!r}: must be {' or '.join(map(repr, PATTERNS))}")
     faults += out_of_range("epoch_angle", epoch_angle, "rad", -1e6, 1e6)
@@ -253,11 +252,12 @@ def _number_faults(texts: tuple[str, ...], notation: str) -> list[str]:
 def out_of_range(name: str, value: object, unit: str, low: float, high: float) -> list[str]:
     """Check that a value is a number in [low, high]; returns a list of one message if not, else an empty one.
 
-    `name` and `unit` are for the message only.
+    `name` and `unit`, which is empty for fractions, are for the message only.
     """
     if is_number(value) and low <= value <= high:
         return []
-    return [f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]"]
+    measured = f" of {unit}" if unit else ""
+    return [f"{name} = {value!r}: must be a number{measured} in [{low:g}, {high:g}]"]
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -13,6 +13,7 @@ from jaxplan.schema.tables import Either, Field, Table
 from jaxplan.schema.value_kinds import Choice, Integer, Interval, Kind, Number
 from jaxplan.sky.ephemeris import FRAMES
 from jaxplan.sky.frames import EARTH_RADIUS
+from jaxplan.sky.orbits import HIGHEST_ALTITUDE
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION_DEG = Number(Interval("[-180, 180]"), degrees=True)
@@ -23,7 +24,7 @@ _VELOCITY_KM_S = Number(Interval("[-100, 100]"), hint="it is in km/s")
 _LOWEST_ALTITUDE = 100.0  # km, below which no satellite stays in orbit for a revolution
 _TIME_S = Number(Interval("[-1e7, 1e7]"))  # s
 _ALTITUDE_KM = Number(
-    Interval("(0, 150000]"), hint="it is in km; higher orbits have semi_major_axis_km instead"
+    Interval(f"(0, {HIGHEST_ALTITUDE:g}]"), hint="it is in km; higher orbits have semi_major_axis_km instead"
 )
 
 

@@ -29,6 +29,8 @@ from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.display import shown
 from jaxplan.sky.frames import EARTH_MU, EARTH_RADIUS, elapsed
 
+HIGHEST_ALTITUDE = 150_000.0
+"""km, greatest altitude of circular orbits; of low orbits one in metres is beyond it."""
 _MAX_ITERATIONS = 60  # of Newton's method, more than any solution takes: 3 to 6, but for e near 1
 
 
@@ -170,7 +172,7 @@ class CircularOrbit:
     differs by 0.006 deg a year.
 
     Attributes:
-        altitude: km above the Earth's equatorial radius, in (0, 1e6].
+        altitude: km above the Earth's equatorial radius, in (0, 150000].
         inclination: rad, in [-pi, pi].
         node: rad, right ascension of the ascending node.
         latitude: rad, argument of latitude at the orbit's epoch.
@@ -185,8 +187,9 @@ class CircularOrbit:
 
     def __post_init__(self) -> None:
         _expect_numbers(self)
-        if not 0 < self.altitude <= 1e6:
-            raise ValueError(f"altitude = {self.altitude}: must lie in (0, 1e6] km")
+        if not 0 < self.altitude <= HIGHEST_ALTITUDE:
+            where = f"(0, {HIGHEST_ALTITUDE:g}], it is in km; higher orbits are a KeplerOrbit"
+            raise ValueError(f"altitude = {self.altitude}: must lie in {where}")
         _expect_angles(self, "node", "latitude")
 
 

@@ -173,7 +173,10 @@ NONE = np.full((1, 240, 4), -1)
     [
         ({"duration_s": 0.0, "step_s": np.nan}, ["duration_s = 0.0", "step_s = nan", "[1, 86400]"]),
         ({"duration_s": 1e5}, ["duration_s = 100000.0", "[1, 86400]"]),
-        ({"hysteresis": 1.0, "sun_half_angle": 0.0}, ["hysteresis = 1.0", "sun_half_angle = 0.0"]),
+        (
+            {"hysteresis": 1.0, "sun_half_angle": 0.0},
+            ["hysteresis = 1.0: must be a number in [0, 0.9]", "sun_half_angle = 0.0"],
+        ),
         ({"moon_half_angle": "wide"}, ["moon_half_angle = 'wide'"]),
         ({"highest_latitude": 50.0}, ["highest_latitude = 50.0", "rad"]),
         ({"sides": ("fore", "aft", "right")}, ["sides", "as many as terminals, 4"]),

@@ -106,6 +106,7 @@ def test_the_nearest_slots_of_the_next_plane_are_those_of_least_mean_square_dist
         ("53:10/0/0", 550.0, {}, ["P must"]),
         ("53:10/5/1", -1.0, {"pattern": "rose"}, ["altitude = -1.0", "pattern = 'rose'"]),
         ("53:10/5/1", np.nan, {"epoch_angle": np.nan}, ["altitude = nan", "epoch_angle = nan"]),
+        ("53:10/5/1", 550e3, {}, ["altitude = 550000.0: must be a number of km in (0, 150000]"]),
         ("53:10/5/1", True, {}, ["altitude = True"]),
     ],
 )
