@@ -71,10 +71,9 @@ class Activity:
 
     @property
     def kind(self) -> str:
-        """What is asked: "track", "point", "attitude" or "idle"."""
-        return next(
-            (name for name in ("track", "point", "attitude") if getattr(self, name) is not None), "idle"
-        )
+        """What is asked: "track", "point", "attitude" or "idle"; "none" if nothing is, which is a fault."""
+        given = (name for name in ("track", "point", "attitude") if getattr(self, name) is not None)
+        return next(given, "idle" if self.idle else "none")
 
     @property
     def targets(self) -> Targets | None:

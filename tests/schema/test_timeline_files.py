@@ -424,6 +424,10 @@ def test_a_fault_of_python_names_attribute_value_and_range(timeline, changes, fa
     assert fault in python_faults(timeline, **changes)
 
 
+def test_an_activity_that_asks_for_nothing_is_not_called_idle():
+    assert (jp.Activity(name="x").kind, jp.Activity(name="x", idle=True).kind) == ("none", "idle")
+
+
 def test_what_is_no_timeline_is_a_type_error():
     with pytest.raises(TypeError, match="timeline must be a Timeline, not int"):
         take_in_timeline(3)
