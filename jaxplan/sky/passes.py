@@ -15,6 +15,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.sky.ground import GroundPoint, elevation
 from jaxplan.sky.line_of_sight import Occulter, least_between, seen_between
 from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
+from jaxplan.sky.two_line_elements import stale_once
 
 LONGEST = 31 * 86400.0
 """s, the longest time over which passes are looked for."""
@@ -53,6 +54,7 @@ class Pass:
         return self.end - self.start
 
 
+@stale_once()
 def passes(
     thing: Satellite | GroundPoint,
     *,

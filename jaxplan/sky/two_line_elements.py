@@ -7,6 +7,9 @@ would put the satellite anywhere. Each fault names line, columns and value; all 
 
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 
 import numpy as np
@@ -254,6 +257,20 @@ def tle_state_teme(tle: Tle, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return position.reshape(*since.shape, 3), velocity.reshape(*since.shape, 3)
 
 
+# Elements that have warned of their age in the block of `stale_once` that runs; None outside of such blocks.
+_told: ContextVar[set[Tle] | None] = ContextVar("told", default=None)
+
+
+@contextmanager
+def stale_once() -> Iterator[None]:
+    """Let each set of elements warn of its age only once while a block runs, or what this decorates."""
+    token = _told.set(set())
+    try:
+        yield
+    finally:
+        _told.reset(token)
+
+
 def _check_age(tle: Tle, since: np.ndarray) -> None:
     """Raise a TleError, or warn, where times (...) s are too far from the epoch of the elements.
 
@@ -266,6 +283,9 @@ def _check_age(tle: Tle, since: np.ndarray) -> None:
     far = f"{tle.name}: {oldest:.1f} days from the elements' epoch {str(tle.epoch)[:19]}"
     if not np.all(days <= LAST_DAYS):
         raise TleError(f"{far}, must lie in [{-LAST_DAYS:g}, {LAST_DAYS:g}]")
-    if np.any(days > STALE_DAYS):
+    told = _told.get()
+    if np.any(days > STALE_DAYS) and (told is None or tle not in told):
+        if told is not None:
+            told.add(tle)
         advice = f"beyond {STALE_DAYS:g} the position may be tens of km off; take newer elements"
         warnings.warn(f"{far}, {advice}", StaleTleWarning, stacklevel=2)

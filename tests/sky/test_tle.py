@@ -186,6 +186,14 @@ def test_all_faults_come_at_once_and_survive_pickling():
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
 
+def test_passes_of_old_elements_warn_once_with_their_greatest_age():
+    lisbon = sky.GroundPoint(latitude=0.676, longitude=-0.159)
+    with pytest.warns(sky.StaleTleWarning) as told:
+        sky.passes(lisbon, epoch="2024-03-29T12:00:00", observer=sky.parse_tle(ISS), duration_s=86400.0)
+    (warning,) = told
+    assert "11.4 days" in str(warning.message)
+
+
 def test_old_elements_warn_and_very_old_ones_are_refused():
     tle = sky.parse_tle(ISS)
     sky.positions(tle, epoch="2024-03-26T01:00:00", times=[0.0, 80.0])
