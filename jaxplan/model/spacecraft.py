@@ -6,7 +6,7 @@ drives. How the joints turn the devices is in `jaxplan.model.gimbals`. Attitudes
 body to inertial axes.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import jax
@@ -194,6 +194,16 @@ class Spacecraft:
             return self.whole_inertia
         _, whole, moving = arrays(self.whole_inertia, self.stages.at_zero)
         return whole - moving
+
+    @property
+    @made_once
+    def stiff(self) -> "Spacecraft":
+        """The same spacecraft as if its inertia stayed what it is with all joints at zero."""
+        if self.stages is None:
+            return self
+        terminals = [replace(one, yaw_inertia=None, pitch_inertia=None) for one in self.terminals]
+        drives = [replace(one, inertia=None) for one in self.drives]
+        return replace(self, terminals=tuple(terminals), drives=tuple(drives), inertia=self.whole_inertia)
 
     @property
     @made_once

@@ -7,6 +7,9 @@ added to it. From each bent curve the shortest motion near it is looked for on f
 made precise on more intervals, most of which lie where the acceleration changes fast, which is where a
 shortest motion switches between its limits.
 
+What light gimbals do to the platform as they move changes little about which motion is quickest, and costs
+much to compute. So all but the last of these steps solve the problem that is `stiff`.
+
 Functions return an `InitialGuess`, from which `sqp` looks for the best curve nearby.
 """
 
@@ -102,7 +105,11 @@ def shorter(attempt: Attempt) -> InitialGuess | None:
 
 
 def along(problem: FitProblem) -> InitialGuess | None:
-    """The curve nearest to a problem's path, on few intervals; None if its nodes leave every chart."""
+    """The curve nearest to a problem's path, on few intervals; None if its nodes leave every chart.
+
+    The problem is taken as stiff.
+    """
+    problem = problem.stiff
     mesh = _tubeless_mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
     duration = FIRST_GUESS * problem.quickest.duration
     begin = first_curve(problem, mesh, duration, "shortest")
@@ -110,8 +117,11 @@ def along(problem: FitProblem) -> InitialGuess | None:
 
 
 def coarse(attempt: Attempt) -> InitialGuess:
-    """The curve nearest to an attempt's, on few intervals, as the start of a rough search."""
-    discrete = _move_to_basis(attempt.discrete, Basis.even(COARSE))
+    """The curve nearest to an attempt's, on few intervals, as the start of a rough search.
+
+    The problem is taken as stiff.
+    """
+    discrete = _move_to_basis(attempt.discrete, Basis.even(COARSE), attempt.problem.stiff)
     return _guess_near(discrete, attempt, by_time_to=_COARSE_TIME_TOLERANCE)
 
 
@@ -137,14 +147,15 @@ def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
     return found
 
 
-def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
+def precise(attempt: Attempt, problem: FitProblem, *, by_time_alone: bool) -> InitialGuess:
     """The curve nearest to an attempt's, on many intervals, most of them where the attempt switches.
 
     Args:
         attempt: on few intervals or many.
+        problem: that of the attempt, or the one of which the attempt's is the stiff one.
         by_time_alone: whether the duration alone is to be lowered, without the energy.
     """
-    discrete = _move_to_basis(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)))
+    discrete = _move_to_basis(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)), problem)
     return _guess_near(discrete, attempt, by_time_to=_FINE_TIME_TOLERANCE if by_time_alone else None)
 
 
@@ -158,9 +169,16 @@ def _guess_near(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float |
     )
 
 
-def _move_to_basis(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
-    """Change a discrete problem to the breaks of another basis, without a tube and with a free duration."""
-    return replace(discrete.on_mesh(_tubeless_mesh(discrete.mesh.places, basis)), timing="shortest")
+def _move_to_basis(discrete: DiscreteProblem, basis: Basis, problem: FitProblem) -> DiscreteProblem:
+    """Change a discrete problem to another basis, without a tube and with a free duration.
+
+    Args:
+        discrete: the one to change.
+        basis: with the new breaks.
+        problem: what is fitted, with the ends and the path that the discrete one has.
+    """
+    own = replace(discrete, problem=problem)
+    return replace(own.on_mesh(_tubeless_mesh(discrete.mesh.places, basis)), timing="shortest")
 
 
 def _tubeless_mesh(places: np.ndarray, basis: Basis) -> Mesh:

@@ -46,6 +46,7 @@ _SMOOTHING_WEIGHT = 1e-9  # weight of the third derivative beside the distance f
 _DEFAULT_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad, of the tube about nodes, unless the settings give one
 _CLEARANCE = float(np.deg2rad(0.3))  # rad, margin wanted at places, so that zones are kept between them
 _BIND_FACTOR = 1.05  # factor on the platform's own least time; if the joints take longer, they alone bind
+_LIGHT_SHARE = 0.05  # of the inertia, in which heavier moving parts change which motion is quickest
 _END_MARGIN_SHARE = 0.5  # fraction of the margin at start or goal that is wanted elsewhere, at most
 
 Timing = Literal["given", "stretched", "shortest"]
@@ -116,6 +117,14 @@ class FitProblem:
     def resting(self) -> "FitProblem":
         """The same problem with zero accelerations at both ends; its solutions solve this one, too."""
         return self if self.rests else replace(self, settings=replace(self.settings, end_acceleration="zero"))
+
+    @cached_property
+    def stiff(self) -> "FitProblem":
+        """The same problem as if the inertia stayed the same as joints move, if what they move is light."""
+        moving, whole = self.spacecraft.stages, self.spacecraft.whole_inertia
+        if moving is None or whole is None or np.trace(moving.at_zero) > _LIGHT_SHARE * np.trace(whole):
+            return self
+        return replace(self, spacecraft=self.spacecraft.stiff)
 
     @property
     def weights(self) -> tuple[float, float, float]:

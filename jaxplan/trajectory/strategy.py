@@ -312,8 +312,9 @@ class Strategy:
         """The shortest motions near curves on few intervals, and near curves bent away from these.
 
         Args:
-            begins: the curves; None beyond every chart.
-            problems: whose settings say how many bent curves are tried; if none, no attempt is made.
+            begins: the curves, of stiff problems; None beyond every chart.
+            problems: what is fitted; the settings say how many bent curves are tried. If none, no attempt is
+                made.
         """
         counts = {n: problems[n].settings.first_guesses for n in begins}
         every = {
@@ -328,14 +329,16 @@ class Strategy:
         for n, own in zip(owner, made, strict=True):
             if own is not None and (n not in best or own.pace > best[n].pace):
                 best[n] = own
-        best = self._refine_attempts(best, by_time_alone=True)
-        return dict(self._refine_attempts(best, by_time_alone=False))
+        best = self._refine_attempts(best, {n: problems[n].stiff for n in best}, by_time_alone=True)
+        return dict(self._refine_attempts(best, problems, by_time_alone=False))
 
-    def _refine_attempts(self, attempts: dict[int, Attempt], *, by_time_alone: bool) -> dict[int, Attempt]:
+    def _refine_attempts(
+        self, attempts: dict[int, Attempt], problems: Problems, *, by_time_alone: bool
+    ) -> dict[int, Attempt]:
         """The shortest motions near those of attempts, on breaks close together where these switch."""
 
         def begin(n: int) -> InitialGuess:
-            return guesses.precise(attempts[n], by_time_alone=by_time_alone)
+            return guesses.precise(attempts[n], problems[n], by_time_alone=by_time_alone)
 
         found = self._attempt(attempts, begin)
         return {n: own for n, own in found.items() if own is not None}

@@ -9,6 +9,7 @@ from stages import exchanged, momentum, torque, with_stages
 from wheels import INERTIA, instants, numbers, random_wheels, with_wheels
 
 import jaxplan as jp
+from jaxplan.trajectory.problem import FitProblem
 
 SAMPLES = 100_000  # in all of the plans of one test
 SIZE = 1.0  # kg m^2 of a stage, of which whole spacecraft here have 20 to 30
@@ -103,6 +104,39 @@ def test_no_plan_is_quicker_than_its_bound_and_shortest_motions_use_what_there_i
         names = shares(plan, 101)
         if plan.scenario.trajectory.duration != 120.0:
             assert max(plan.certificate.peaks[name] for name in (*names, "joint_rates")) > 0.99
+
+
+@pytest.mark.slow
+def test_light_stages_may_be_left_out_of_all_but_the_last_search(monkeypatch):
+    """The motions found are as short as when every search knows of them, and keep the limits with them."""
+    scenarios = [wheeled(count, "minimum", size=0.05, seed=count) for count in (1, 2, 3)]
+    quick = jp.plan_batch(scenarios, progress=False)
+    taken = []
+    monkeypatch.setattr(FitProblem, "stiff", property(lambda own: taken.append(own) or own))
+    thorough = jp.plan_batch(scenarios, progress=False)
+    assert taken
+    for one, other in zip(quick, thorough, strict=True):
+        assert one.ok, one.message
+        assert other.ok, other.message
+        assert one.trajectory.duration <= 1.002 * other.trajectory.duration
+        assert max(np.max(share) for share in shares(one, 20_000).values()) <= 1 + 1e-9
+
+
+def test_heavy_stages_are_known_to_every_search():
+    problem = FitProblem(
+        attitudes=np.stack([np.eye(3)] * 2),
+        joints=np.zeros((2, 2)),
+        turns=np.zeros((1, 3)),
+        fractions=None,
+        rates=np.zeros((2, 5)),
+        spacecraft=wheeled(1, "minimum", size=0.05).spacecraft,
+        cones=None,
+        settings=jp.TrajectorySettings(),
+    )
+    assert problem.stiff.spacecraft.stages is None
+    np.testing.assert_array_equal(problem.stiff.spacecraft.whole_inertia, problem.spacecraft.whole_inertia)
+    heavy = replace(problem, spacecraft=wheeled(1, "minimum", size=2.0).spacecraft)
+    assert heavy.stiff is heavy
 
 
 def test_what_is_left_out_without_the_inertia_of_stages_breaks_limits():
