@@ -49,6 +49,11 @@ CASES = {
         S.OUT_OF_WINDOW,
         ("can begin at", "after its end"),
     ),
+    "window that ends before the slew to what lasts": Case(
+        lambda: images(tracking({"telescope": -AHEAD}, latest=20.0), keep_out=()),
+        S.OUT_OF_WINDOW,
+        ("can begin at", "after its end"),
+    ),
     "end of the timeline": Case(
         lambda: talks(resting("first", 30.0), resting(duration=29.5)),
         S.OUT_OF_WINDOW,

@@ -20,8 +20,8 @@ def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
     activity = doing.activity
     end, latest = doing.ends(motion.begin), activity.latest
     lasting = activity.duration is None and activity.kind != "point"
-    if lasting and doing.latest_end is not None and not end > motion.begin:
-        late = motion.begin - doing.latest_end
+    if lasting and doing.latest_end is not None and not doing.lasts(motion.begin):
+        late = max(motion.begin - doing.latest_end, 0.0)
         raise Refused(
             Status.OUT_OF_WINDOW,
             f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",

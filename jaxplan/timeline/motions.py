@@ -42,6 +42,7 @@ _LOOK_INTERVAL, _MAX_LOOKS = 5.0, 2000  # s between looks at zones, and the most
 _EXACT_TOLERANCE = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
 _EXTRA_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ranges if it can
 _TIME_TOLERANCE = 1e-9  # s, by which a time may be late
+_LEAST_LENGTH = 1e-6  # s; a motion that is not longer counts as an instant
 _INSTANT_TOLERANCE = 1e-3  # s, between the end of a span and what begins because of it
 
 
@@ -114,6 +115,10 @@ class Doing:
         assert self.latest_end is not None
         return max(self.latest_end, begin)
 
+    def lasts(self, begin: float) -> bool:
+        """Tell whether a motion from `begin`, s, to the end has a length; if not, it is an instant."""
+        return self.ends(begin) - begin > _LEAST_LENGTH
+
     @property
     def last_begin(self) -> float:
         """The latest time, s, at which the motion may begin, given until when things are known."""
@@ -156,9 +161,9 @@ class Doing:
 
     def _holding_motion(self, state: State, begin: float) -> Motion:
         """Return the motion that stays in a state from `begin`, s, on; `Refused` if that breaks something."""
-        end = self.ends(begin)
-        if not end > begin:
+        if not self.lasts(begin):
             return Motion(state=state, trajectory=None, begin=begin)
+        end = self.ends(begin)
         times = np.linspace(begin, end, curves.FEWEST)
         nodes = Nodes(
             times=times,
@@ -189,7 +194,8 @@ class Doing:
 
     def _pointing_motion(self, targets: Targets, begin: float) -> Motion:
         """Return the motion that follows targets from `begin`, s, on, or the one that violates the least."""
-        end = self.ends(begin)
+        if not self.lasts(begin):
+            return self._point_at_instant(targets, self._find_states(targets, begin).goals, begin)
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
             with suppress(Refused):  # later there may be another way
@@ -199,8 +205,6 @@ class Doing:
                 if keeps_all(again):
                     return again
         found = self._find_states(targets, begin)
-        if not end > begin:
-            return self._point_at_instant(targets, found.goals, begin)
         joints, refusals, made = found.goals[0].joints, [], []
         for guesses in self._guesses(targets, found.goals, begin):
             if guesses:

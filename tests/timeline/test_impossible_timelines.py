@@ -47,6 +47,16 @@ def test_a_window_is_kept_to_the_second():
     assert "1.00 s after its window" in short.message
 
 
+@pytest.mark.parametrize("lasts", [0.0, 1e-11, 1e-7])
+def test_what_lasts_less_than_a_microsecond_is_an_instant(lasts):
+    brief = jp.Activity(name="asked", track=links("east", "west"), duration=lasts)
+    plan = jp.plan_timeline(talks(brief), progress=False)
+    (asked, *_) = plan.activities
+    assert asked.start == asked.end
+    assert all(one.kind != "track" for one in plan.segments)
+    assert plan.certify().certified
+
+
 def test_the_refusal_of_a_second_activity_leaves_the_plan_of_the_first():
     whole = talks(resting("first", 10.0), tracking({"fore": SUN}, duration=5.0), resting("last"))
     plan = jp.plan_timeline(whole, throw=False, progress=False)
