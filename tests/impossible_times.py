@@ -57,12 +57,16 @@ CASES = {
     "end of the timeline": Case(
         lambda: talks(resting("first", 30.0), resting(duration=29.5)),
         S.OUT_OF_WINDOW,
-        ("begun at 31.00 s", "0.50 s after the timeline", "60.00 s"),
+        ("can begin at 31.00 s at the earliest", "at least 0.50 s after the timeline", "60.00 s"),
     ),
     "end of the window before that of the timeline": Case(
         lambda: talks(resting("first", 30.0), resting(duration=29.5, latest=50.0)),
         S.OUT_OF_WINDOW,
-        ("begun at 31.00 s", "10.50 s after its window, which ends at 50.00 s", "let its window end later"),
+        (
+            "can begin at 31.00 s at the earliest",
+            "at least 10.50 s after its window, which ends at 50.00 s",
+            "let its window end later",
+        ),
     ),
     "start in a zone": Case(
         lambda: images(resting(), keep_out=(telescope_zone("moon", AHEAD, 5.0),)),
@@ -180,7 +184,7 @@ CASES = {
     "attitude after the end of the timeline": Case(
         lambda: images(resting("first", 95.0), holding(AWAY), keep_out=()),
         S.OUT_OF_WINDOW,
-        ("begun at 96.00 s", "1.00 s after the timeline", "100.00 s"),
+        ("can begin at 96.00 s at the earliest", "at least 1.00 s after the timeline", "100.00 s"),
     ),
     "rest that comes too late": Case(
         lambda: started(images(resting(latest=6.0), keep_out=()), angular_velocity=deg(0.0, 1.9, 0.0)),

@@ -370,11 +370,12 @@ class Doing:
         latest = np.inf if self.activity.latest is None else self.activity.latest
         what, until = ("its window", latest) if latest < self.known else ("the timeline", self.known)
         end = self.ends(begin)
-        if end - self.known > _TIME_TOLERANCE:
+        if end - self.known > _TIME_TOLERANCE:  # no longer slew is tried, so these numbers are bounds
             raise Refused(
                 Status.OUT_OF_WINDOW,
-                f"begun at {begin:.2f} s it would end {end - until:.2f} s after {what}, which ends "
-                f"at {until:.2f} s: let {what} end later, ask for less time, or do less before",
+                f"it can begin at {begin:.2f} s at the earliest, and would end at least {end - until:.2f} s "
+                f"after {what}, which ends at {until:.2f} s: let {what} end later, ask for less time, or do "
+                "less before",
             )
 
     def _expect_seen(self, targets: Targets, begin: float, end: float) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import impossible_places
 import impossible_times
 import pytest
-from impossible import resting, talks, tracking
+from impossible import AHEAD, AWAY, holding, images, resting, talks, tracking
 from passing import LINKS, SUN, links
 
 import jaxplan as jp
@@ -45,6 +45,31 @@ def test_a_window_is_kept_to_the_second():
     short = jp.plan_timeline(talks(replace(asked, latest=end - 1)), throw=False, progress=False)
     assert short.status is S.OUT_OF_WINDOW
     assert "1.00 s after its window" in short.message
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        tracking({"telescope": -AHEAD}),
+        tracking({"telescope": -AHEAD}, what="point"),
+        tracking({"telescope": -AHEAD}, duration=3.0),
+        holding(AWAY, duration=None),
+    ],
+    ids=["track", "point", "track for a time", "attitude"],
+)
+def test_what_is_told_of_the_end_of_the_timeline_is_a_bound_and_is_called_one(asked):
+    day = images(asked, until=400.0, keep_out=())
+    begin = jp.plan_timeline(day, progress=False).activities[0].start
+    lasts = asked.duration or 0.0
+    for until in (5.0, 0.5 * begin, 0.98 * begin):
+        plan = jp.plan_timeline(replace(day, until=until), throw=False, progress=False)
+        assert plan.status is S.OUT_OF_WINDOW
+        told = re.search(
+            r"can begin at ([\d.]+) s at the earliest, (?:and .* at least )?([\d.]+) s", plan.message
+        )
+        earliest, late = (float(number) for number in told.groups())
+        assert until < earliest <= begin + 0.01
+        assert late == pytest.approx(earliest + lasts - until, abs=0.011)
 
 
 @pytest.mark.parametrize("lasts", [0.0, 1e-11, 1e-7])
