@@ -32,8 +32,9 @@ _ADVICE = {
         "not bind the device to it."
     ),
     Status.LIMITS_TOO_TIGHT: (
-        "Let the activity begin later or what comes before it end sooner, choose targets that move less "
-        "fast, or raise the limits of rate and acceleration."
+        "The message names the limit. If a motion exceeds it, let the activity begin later or what comes "
+        "before it end sooner, choose targets that move less fast, or raise it; if wheels are full by what "
+        "they store, only what the message says helps."
     ),
     Status.INFEASIBLE: "Let the activity begin at another time, or after something else.",
     Status.UNCERTIFIED: (

@@ -243,21 +243,20 @@ def overrun(
     if shares[worst, instant] <= 1 + LIMIT_ALLOWANCE:
         return ""
     limit, row = [(limit, row) for limit in every for row in range(len(limit.names))][worst]
-    name = limit.names[row]
+    name, most, when = limit.names[row], float(limit.bound[row]), f"at {begin + times[instant]:.2f} s"
+    share = shares[worst, instant]
     if limit.quantity.of_wheels:
         owner = limit.owners[row]
         whose = f'wheel "{owner}"' if craft.allocation == PSEUDO_INVERSE else f"the {owner}"
         name = f"the {limit.quantity.word} of {whose}"
-    share, when = shares[worst, instant], begin + times[instant]
-    told = f"{name} would reach {share:.4g} times its limit at {when:.2f} s"
-    if limit.quantity.of_wheels and limit.quantity.power == 1:
-        resting = abs(float(np.asarray(loads.resting_momenta)[row, instant]))
-        if resting > float(limit.bound[row]):
+        resting = np.asarray(loads.resting_momenta)[row, instant]
+        if limit.quantity.power == 1 and abs(float(resting)) > most:
             return (
-                f"{told}, by what is stored and the attitude there: lower spacecraft.wheel.stored_nms, raise "
-                "momentum_nms, or do something else before"
+                f"{whose} would hold {share * most:.4g} N m s {when}, of {most:.4g} N m s at most, by what "
+                "is stored and the attitude there, so that slowing down does not help: lower "
+                "spacecraft.wheel.stored_nms, raise momentum_nms, or ask for another attitude or target"
             )
-    return told + ", as targets move then" * moving
+    return f"{name} would reach {share:.4g} times its limit {when}" + ", as targets move then" * moving
 
 
 def _times_between(times: np.ndarray) -> np.ndarray:
