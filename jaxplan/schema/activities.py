@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.model.activities import Activity, in_order
+from jaxplan.model.activities import REST, Activity, in_order
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import Targets
@@ -258,7 +258,7 @@ def seconds_after(epoch: Any, stamp: np.datetime64, place: Place) -> Any:
 
 
 def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
-    """Note faults: names that are not unique, and an `after` that names no activity or leads to itself.
+    """Note faults: names that are taken, and an `after` that names no activity or leads to itself.
 
     Args:
         rows: the activities that could be read, each after its place.
@@ -267,6 +267,10 @@ def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
         The activities in the order in which they are done; empty if that cannot be told.
     """
     check_unique(rows)
+    for place, one in rows:
+        if one.name == REST:
+            told = "plans call the rest so that follows all activities, must be another name"
+            place["name"].fault(told, one.name)
     named = {one.name: one for _, one in rows if one.name is not WRONG}
     wrong = False
     for place, one in rows:

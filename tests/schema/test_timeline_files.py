@@ -226,6 +226,11 @@ def test_all_faults_are_told_at_once():
         ("naif_id = -42", 'look_ahead = "yes"', 'timeline.look_ahead = "yes": must be true or false'),
         ("naif_id = -42", "look_ahed = true", "timeline.look_ahed: unknown key, perhaps look_ahead is meant"),
         ("naif_id = -42", "until_s = 3", "timeline.until_utc: stands in the place of until_s"),
+        (
+            'name = "snap"',
+            'name = "rest until the end"',
+            "plans call the rest so that follows all activities",
+        ),
         ("idle = true", "", "activity[3].track: missing (or point, attitude, quaternion_wxyz, idle)"),
         ("idle = true", "idle = false", "activity[3].idle = false: must be true"),
         ("idle = true", "idle = true\ntrack = {}", "activity[3].idle: stands in the place of track"),
