@@ -371,7 +371,7 @@ def take_in_timeline(given: object) -> Timeline:
         ScenarioError: if an attribute has a value that no file may hold, has the wrong type or shape, or does
             not go with others; the message lists every fault.
     """
-    timeline = expect("timeline", given, Timeline)
+    timeline = expect("timeline", given, Timeline, "jp.load_timeline reads one from a file")
     root = Place(PythonReading(MADE, _SOURCE))
     asked, scene = timeline, getattr(timeline, "scene", None)  # whatever stands there
     if isinstance(scene, Scenario):

@@ -140,9 +140,11 @@ def first_again(timeline: Timeline, kept: TimelinePlan, name: str) -> int:
         name: name of the activity.
 
     Raises:
+        TypeError: if `kept` is no plan of a timeline, or `name` no text.
         ValueError: if there is no such activity, or if what comes before it is not what was planned.
     """
     expect("after", kept, TimelinePlan, "jp.plan_timeline makes one")
+    expect("from_activity", name, str)
     names = [one.name for one in in_order(timeline.activities)]
     if name not in names:
         raise ValueError(f"from_activity = {name!r}: no such activity, {nearest(name, names, 'names')}")

@@ -93,6 +93,7 @@ def plan_timeline(
         The plan, whose trajectory is a single one over all activities.
 
     Raises:
+        TypeError: for arguments of other classes, such as the name of a file in place of a timeline.
         TimelineError: if `throw` and the plan is not OK; it has the plan, its status and a message that says
             which activity failed, what is in the way and what to change.
         ScenarioError: for values that no timeline may have; the message lists every fault.
@@ -103,21 +104,20 @@ def plan_timeline(
         >>> day = jp.plan_timeline(timeline)
         >>> changed = jp.plan_timeline(other, after=day, from_activity="lisbon")
     """
-    with (
-        one_thread(),
-        progress_bar("planning", "activities", total=len(timeline.activities), shown=progress) as bar,
-    ):
+    with one_thread():
         day = _Day(timeline)
-        for activity in day.left(after, from_activity):
-            bar.step(activity.name)
-            day = day.after(activity)
-            if not day.activities[-1].ok and not go_on:
-                break
-            bar.update()
-        else:
-            day.rest()
-        bar.step("proof")
-        plan = day.result()
+        count = len(day.timeline.activities)
+        with progress_bar("planning", "activities", total=count, shown=progress) as bar:
+            for activity in day.left(after, from_activity):
+                bar.step(activity.name)
+                day = day.after(activity)
+                if not day.activities[-1].ok and not go_on:
+                    break
+                bar.update()
+            else:
+                day.rest()
+            bar.step("proof")
+            plan = day.result()
     if throw and not plan.ok:
         raise TimelineError(plan)
     return plan

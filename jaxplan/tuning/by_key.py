@@ -185,9 +185,9 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
         raise TypeError(f"measure must be a name, not {type(measure).__name__}")
     if isinstance(plan, TimelinePlan):
         return _day_sensitivities(plan, TOTAL_TIME if measure is None else measure)
+    expect("plan", plan, Plan, "jp.plan makes one of a scenario, jp.plan_timeline that of a timeline")
     if measure == TOTAL_TIME:
         raise ValueError(f"measure {TOTAL_TIME!r} is of a timeline's plan, of this one it is 'duration'")
-    expect("plan", plan, Plan, "jp.plan makes one of a scenario")
     measure = "effort" if measure is None else measure
     if measure not in OBJECTIVES:
         raise ValueError(f"unknown measure {measure!r}: must be one of {', '.join(offered(plan.scenario))}")

@@ -347,6 +347,28 @@ def test_what_is_kept_must_be_what_is_still_asked_for(changes, said):
         jp.plan_timeline(changed, after=day, from_activity="links again", progress=False)
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda day: ("day.toml",), "timeline must be a Timeline, not str; jp.load_timeline reads one"),
+        (lambda day: (day.timeline.scene,), "timeline must be a Timeline, not Scenario; jp.load_timeline"),
+        (
+            lambda day: (day.timeline, day.timeline),
+            "after must be a TimelinePlan, not Timeline; jp.plan_time",
+        ),
+        (lambda day: (day.timeline, day, 2), "from_activity must be a str, not int"),
+    ],
+    ids=["file", "scene", "after", "from_activity"],
+)
+def test_arguments_of_other_classes_are_refused_by_name(given, said):
+    names = "timeline", "after", "from_activity"
+    more = dict(zip(names, (None, None, "links"), strict=True)) | dict(
+        zip(names, given(planned("links")), strict=False)
+    )
+    with pytest.raises(TypeError, match=said):
+        jp.plan_timeline(**more)
+
+
 def test_a_day_planned_again_must_begin_as_it_did():
     day = planned("links")
     scene = day.timeline.scene
