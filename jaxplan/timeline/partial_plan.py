@@ -1,6 +1,6 @@
 """A partly planned timeline: what is planned so far, the state at its end, and whether it can be kept.
 
-An earlier plan can be kept up to an activity, and continued from there, if the start and all before that
+An earlier plan can be kept up to an activity, and continued from there, if start, epoch and all before that
 activity are the same as in that plan, since its motion is reused. That it breaks nothing of what is asked now
 is proved anew.
 """
@@ -156,7 +156,7 @@ def first_again(timeline: Timeline, kept: TimelinePlan, name: str) -> int:
 
 
 def _expect_unchanged(timeline: Timeline, kept: TimelinePlan, names: Sequence[str]) -> None:
-    """Raise ValueError if the start, or an activity of these names, differs from that in a kept plan."""
+    """Raise ValueError if start, epoch or an activity of these names differs from that in a kept plan."""
     were, are = ({one.name: one for one in own.activities} for own in (kept.timeline, timeline))
     for own in names:
         changed = [
@@ -169,5 +169,8 @@ def _expect_unchanged(timeline: Timeline, kept: TimelinePlan, names: Sequence[st
                 f"after: activity {own} differs from the one that was planned in "
                 f"{', '.join(changed)}: plan anew from it on, by from_activity, or leave it as it was"
             )
-    if not same(kept.timeline.scene.start, timeline.scene.start):
-        raise ValueError("after: the start differs from the one that was planned: plan the whole timeline")
+    for part in ("start", "epoch"):  # from which the motion and all times count
+        if not same(getattr(kept.timeline.scene, part), getattr(timeline.scene, part)):
+            raise ValueError(
+                f"after: the {part} differs from the one that was planned: plan the whole timeline"
+            )

@@ -369,12 +369,22 @@ def test_arguments_of_other_classes_are_refused_by_name(given, said):
         jp.plan_timeline(**more)
 
 
-def test_a_day_planned_again_must_begin_as_it_did():
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (
+            lambda scene: {"start": replace(scene.start, joints=scene.start.joints + 0.01)},
+            "the start differs",
+        ),
+        (lambda scene: {"epoch": np.datetime64("2031-01-01")}, "the epoch differs"),
+    ],
+    ids=["start", "epoch"],
+)
+def test_a_day_planned_again_must_begin_as_it_did(changes, said):
     day = planned("links")
     scene = day.timeline.scene
-    start = replace(scene.start, joints=scene.start.joints + 0.01)
-    changed = replace(day.timeline, scene=replace(scene, start=start))
-    with pytest.raises(ValueError, match="the start differs"):
+    changed = replace(day.timeline, scene=replace(scene, **changes(scene)))
+    with pytest.raises(ValueError, match=said):
         jp.plan_timeline(changed, after=day, from_activity="links again", progress=False)
 
 
