@@ -15,6 +15,7 @@ Values: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _PARTS_PER_ROUND = 8  # into which the span about a change of sign, or an extremum, is cut
 _CUT_ROUNDS = 11  # from 60 s to 7e-9 s at a change, to 1e-5 s at an extremum, which keeps two parts
 _INFINITY_STAND_IN = 1e9  # stands for values that are not finite
+_DIP_TOLERANCE = 1e-9  # by which a function must be able to dip below its least sample to be looked at
 _MAX_DIP = 2.0  # times the larger step to its neighbours: most by which a function may dip below a sample
 
 
@@ -127,15 +128,34 @@ def least(table: np.ndarray, times: np.ndarray, values: Values) -> tuple[np.ndar
     """Find when each column is least; arguments as of `changes`.
 
     Returns:
-        Times (c,) s, to 1e-5 s, and values (c,) there; infinite for a column that is NaN everywhere.
+        Times (c,) s, to 1e-5 s, the first ones of equal minima, and values (c,) there; infinite for a column
+        that is NaN everywhere.
     """
     known = np.where(np.isnan(table), np.inf, table)
-    columns = np.arange(table.shape[1])
-    place = np.argmin(known, axis=0) if len(times) else np.zeros(len(columns), int)
-    last = len(times) - 1
-    low, high = times[np.maximum(place - 1, 0)], times[np.minimum(place + 1, last)]
-    found = _minimize_columns(low, high, columns, np.ones(len(columns)), values)
-    own = values(found, columns) if len(columns) else np.zeros(0)
+    place, column = _find_lowest_dips(np.where(np.isfinite(known), known, _INFINITY_STAND_IN))
+    low, high = times[np.maximum(place - 1, 0)], times[np.minimum(place + 1, len(times) - 1)]
+    found = _minimize_columns(low, high, column, np.ones(len(column)), values)
+    own = values(found, column) if len(column) else np.zeros(0)
     own = np.where(np.isnan(own), np.inf, own)
-    sampled = known[place, columns]
-    return np.where(own <= sampled, found, times[place]), np.minimum(own, sampled)
+    sampled = known[place, column]
+    found, own = np.where(own <= sampled, found, times[place]), np.minimum(own, sampled)
+    order = np.lexsort((found, own, column))
+    _, first = np.unique(column[order], return_index=True)  # each column has a dip at its least sample
+    return found[order][first], own[order][first]
+
+
+def _find_lowest_dips(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the samples next to which columns (n, c) may be least: of near-equal minima all are candidates.
+
+    Returns:
+        Indices (k,) of these samples and of their columns. The least sample of each column is among them.
+    """
+    padded = np.pad(table, ((1, 1), (0, 0)), mode="edge")
+    before, after = padded[:-2] - table, padded[2:] - table
+    steps = np.maximum(np.abs(before), np.abs(after))
+    lowest = np.min(table, axis=0, initial=_INFINITY_STAND_IN)
+    deep = table - _MAX_DIP * steps < lowest - _DIP_TOLERANCE
+    found = (before >= 0) & (after >= 0) & deep
+    found[np.argmin(table, axis=0), np.arange(table.shape[1])] = True
+    place, column = np.nonzero(found)
+    return place, column

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxplan.timeline.sign_changes import changes, least
+from jaxplan.timeline.sign_changes import _find_lowest_dips, changes, least
 
 PERIODS = np.array([7.0, 13.0, 100.0])
 
@@ -55,6 +55,25 @@ def test_the_least_value_is_found_inside_at_an_end_and_at_a_kink():
     when, value = least(table, times, curves)
     np.testing.assert_allclose(when, [4.321, 0.0, 7.77], atol=1e-4)
     np.testing.assert_allclose(value, [2.0, 0.0, -1.0], atol=1e-5)
+
+
+def test_of_near_equal_minima_the_lower_one_is_found_though_a_sample_is_nearer_to_the_other():
+    def curves(times, columns):
+        return np.minimum((times - 5.0) ** 2 + 1e-3, (times - 14.5) ** 2) + 0.0 * columns
+
+    times = np.arange(0.0, 21.0)
+    when, value = least(curves(times, 0)[:, None], times, curves)
+    np.testing.assert_allclose(when, [14.5], atol=1e-4)
+    np.testing.assert_allclose(value, [0.0], atol=1e-8)
+
+
+def test_only_dips_that_may_be_the_least_are_looked_at():
+    still = np.full(1000, 2.0) + 1e-12 * np.cos(np.arange(1000))
+    ripples = 0.1 * np.cos(np.arange(1000.0)) + 0.01 * np.arange(1000)
+    place, column = _find_lowest_dips(np.stack([still, ripples], axis=1))
+    assert np.sum(column == 0) == 1
+    assert np.sum(column == 1) <= 10
+    assert np.argmin(ripples) in place[column == 1]
 
 
 def test_a_column_that_is_nowhere_a_number_is_infinite():
