@@ -683,7 +683,7 @@ def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
     names["timeline"] = jp.Timeline(name="day", scene=scene, activities=(stay,))
     capsys.readouterr()
     exec(of_day, names)
-    assert capsys.readouterr().out.startswith("total time 20.5 s")
+    assert capsys.readouterr().out.startswith("total time 20 s")
 
 
 class Links(HTMLParser):

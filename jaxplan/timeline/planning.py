@@ -1,11 +1,11 @@
 """Plan a timeline: its activities one after the other, slews between them, and the proof of it all.
 
 Each activity begins as soon as its slew can end, but not before its window opens and the activity that it
-comes after has ended. If the window opens later than a slew in the shortest time ends, the targets are
-tracked until it opens, if they are seen then, or the slew begins after a rest. A slew that is "calm" takes
-the time that there is, or a gentle time after a rest. An activity that cannot be done is reported by name and
-left out, as is what comes after it by its `after`. Planning ends there or, if asked to go on, continues from
-the state before it.
+comes after has ended; what keeps the spacecraft as it rests needs no slew. If the window opens later than a
+slew in the shortest time ends, the targets are tracked until it opens, if they are seen then, or the slew
+begins after a rest. A slew that is "calm" takes the time that there is, or a gentle time after a rest. An
+activity that cannot be done is reported by name and left out, as is what comes after it by its `after`.
+Planning ends there or, if asked to go on, continues from the state before it.
 
 An activity is *led* if its motion turns the platform to where the next slew leads (`looking_ahead`).
 """
@@ -23,7 +23,7 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.activity_checks import expect_in_time, expect_near
-from jaxplan.timeline.choices import Choice
+from jaxplan.timeline.choices import Choice, SlewTime
 from jaxplan.timeline.looking_ahead import led_ahead
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.partial_plan import SoFar, first_again
@@ -343,6 +343,8 @@ class _Day(SoFar):
     def _find_slew(self, doing: Doing) -> tuple[Slew, Motion]:
         """Return the slew to an activity and the motion that follows it; raises `Refused`."""
         activity = doing.activity
+        if held := self._find_held(doing):
+            return held
         opens = activity.earliest or 0.0
         departure = Departure(scene=self.scene, craft=self._loaded_craft(), state=self.state, time=self.time)
         waits = opens > self.time + _TIME_TOLERANCE
@@ -376,6 +378,27 @@ class _Day(SoFar):
         if slew.time is not None and slew.time.at_an_instant:
             return self._slew_after_rest(departure, doing, slew), slew.goal
         return slew, slew.goal
+
+    def _find_held(self, doing: Doing) -> tuple[Slew, Motion] | None:
+        """Return a slew of no duration to an activity that keeps the spacecraft as it rests, and its motion.
+
+        Returns:
+            None for an activity that asks for something else, or where zones do not let it rest as it is.
+        """
+        given = doing.activity.attitude
+        asked = self.state if given is None else State.still(given.attitude, given.joints)
+        if doing.activity.targets is not None or not self.state.at_rest or not asked.near(self.state):
+            return None
+        try:
+            motion = self._find_motion(doing, self.time)
+        except Refused as refused:
+            if refused.status is Status.OUT_OF_WINDOW:
+                raise
+            return None
+        if motion.tracked is not None:
+            return None
+        expect_in_time(doing, motion, self.time)
+        return Slew(status=Status.OK, message="", duration=0.0, time=SlewTime.fixed(0.0)), motion
 
     def _slew_after_rest(self, departure: Departure, doing: Doing, slew: Slew) -> Slew:
         """Return a slew that ends at a given instant, such as that at which a target comes into sight.

@@ -34,6 +34,7 @@ _SAMPLES_BETWEEN = 4  # instants looked at in each interval
 _ASIDE_ANGLE = 0.2  # rad, by which a first guess is turned to give way to a zone that comes head-on
 _CARRY_STEPS = 8  # steps from node to node in which attitudes are carried along
 _REST_TOLERANCE = 1e-11  # rad/s or rad/s^2; smaller derivatives are set to zero, so that rest stays rest
+_SAME_STATE = 1e-9  # rad, by which a state differs at most from one that it is but for rounding
 _RANDOM_ATTITUDES = 64  # number of random attitudes among which those with the most room are sought
 _ROOM_INSTANTS = 33  # number of instants at which their room is computed
 _LOAD_SAMPLES = 65  # number of instants at which rates, accelerations and loads are sampled
@@ -90,6 +91,16 @@ class State:
             acceleration=np.zeros(3),
             bends=zero,
         )
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves or begins to."""
+        return not any(np.any(one) for one in (self.velocity, self.rates, self.acceleration, self.bends))
+
+    def near(self, other: "State") -> bool:
+        """Tell whether attitude and joints are those of another state but for rounding."""
+        turned = float(so3.distance(self.attitude, other.attitude))
+        return bool(turned <= _SAME_STATE and np.all(np.abs(self.joints - other.joints) <= _SAME_STATE))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

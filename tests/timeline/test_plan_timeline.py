@@ -289,8 +289,8 @@ def test_the_shortest_slew_to_an_instant_comes_after_a_rest():
     assert day.certificate.certified
     done = day.activities[0]
     assert done.start == done.end == pytest.approx(400.0, abs=1e-9)
-    (_, begin, rested), (_, left, end) = spans(day, "idle")[0], spans(day, "slew")[1]
-    assert begin < 1.0
+    (_, begin, rested), (_, left, end) = spans(day, "idle")[0], spans(day, "slew")[0]
+    assert begin == 0.0
     assert (rested, end) == (left, pytest.approx(400.0, abs=1e-9))
     time = np.linspace(begin, rested, 9)
     assert np.ptp(attitudes_of(day.trajectory, time), axis=0).max() < 1e-12
@@ -313,8 +313,8 @@ def test_a_rest_ends_earlier_where_the_slew_from_it_takes_longer_than_one_withou
     )
     assert day.certificate.certified
     assert day.activities[0].start == pytest.approx(400.0, abs=1e-9)
-    (_, begin, rested), (_, left, end) = spans(day, "idle")[0], spans(day, "slew")[1]
-    assert begin < 1.0
+    (_, begin, rested), (_, left, end) = spans(day, "idle")[0], spans(day, "slew")[0]
+    assert begin == 0.0
     assert rested == left
     assert min(told) <= end - left <= 1.5 * day.choices[0].departure.bound(day.choices[0].goal)
 
@@ -386,6 +386,29 @@ def test_a_day_planned_again_must_begin_as_it_did(changes, said):
     changed = replace(day.timeline, scene=replace(scene, **changes(scene)))
     with pytest.raises(ValueError, match=said):
         jp.plan_timeline(changed, after=day, from_activity="links again", progress=False)
+
+
+KEPT = {"idle": {"idle": True}, "attitude": {"attitude": relay_scene().start}}
+
+
+@pytest.mark.parametrize("slew", ["shortest", "calm"])
+@pytest.mark.parametrize("asked", KEPT)
+def test_what_is_held_already_needs_no_slew(asked, slew):
+    first = jp.Activity(name="first", **KEPT[asked], latest=0.1)
+    second = jp.Activity(name="second", **KEPT[asked], earliest=50.0, duration=70.0)
+    timeline = replace(links_day(slew), activities=(first, second), until=120.3)
+    plan = jp.plan_timeline(timeline, progress=False)
+    assert [(one.start, one.end, one.slew) for one in plan.activities] == [
+        (0.0, 0.1, 0.0),
+        (50.0, 120.0, 0.0),
+        (120.0, pytest.approx(120.3), 0.0),
+    ]
+    assert not plan.slews
+    assert plan.certify().certified
+    late = replace(timeline, activities=(first, replace(second, earliest=None, latest=70.0)))
+    found = jp.plan_timeline(late, throw=False, progress=False)
+    assert found.status is jp.Status.OUT_OF_WINDOW
+    assert "can end at 70.10 s at the earliest, 0.10 s after its window" in found.message
 
 
 def test_an_attitude_is_held_at_rest():
