@@ -9,7 +9,6 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from pointing import Problem
 from pointing_aims import KINDS, conditions, random_aims
-from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
@@ -120,7 +119,6 @@ def difference(problem: Problem, along: dict) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(KINDS)), ids=list(KINDS))
 def test_derivatives_of_devices_of_every_kind_are_those_of_goals_found_anew(number):
-    looked = 0
     for seed in (number, number + len(KINDS)):
         kind, problem = random_aims(seed)
         problem = replace(problem, targets=replace(problem.targets, tolerance=EXACTLY))
@@ -139,5 +137,3 @@ def test_derivatives_of_devices_of_every_kind_are_those_of_goals_found_anew(numb
             found, expected = derivative(problem, goal, along), difference(problem, along)
             scale = np.abs(expected).max()
             np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE * scale + 1e-8)
-            looked += 1
-    assert_each(looked, ">=", 0)
