@@ -11,9 +11,10 @@ slew is taken.
 **Joints.** A free device with a wish points as near to the wished direction as its range lets it. Any other
 stays as it is at the start, within its range at the goal. Where that breaks a zone, such as the beam of a
 device that has a target, or a cone of the sky that it must look into, the device *makes way*: of the clear
-places on a grid of its joint angles the one reached in the least time is taken, and the joints are then
-brought back toward where they would rather be as far as everything stays clear. Devices take turns in the
-order of their numbers, twice where several are free, since each may be in the other's way.
+places on a grid of its joint angles the one reached in the least time is taken. Where none is clear, finer
+grids about the place of most margin are looked at. The joints are then brought back toward where they would
+rather be as far as everything stays clear. Devices take turns in the order of their numbers, twice where
+several are free, since each may be in the other's way.
 
 So a device that makes way ends on the straight line of its joint angles from where it would rather be (share
 0) to that clear place (share 1), where the margin of one pair of a constraint's row and a sight is `SPARE`.
@@ -47,6 +48,7 @@ SPARE = 2e-5
 _GRID_POINTS = (121, 41)  # grid points over a drive's angle, and over each of a terminal's two angles
 _BISECTIONS = 40  # bisections that find the share of the line
 _GRID_REFINEMENTS = 3  # further grids, each four spacings of the one before wide, about its best place
+_MAX_GRIDS = 7  # most grids, where no place is clear yet
 _TIE_TOLERANCE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
 
 
@@ -273,7 +275,9 @@ def _make_way(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, nu
     rates = problem.spacecraft.joint_rate_limits[own]
     best: np.ndarray | None = None
     cost, window = np.inf, ranges
-    for _ in range(1 + _GRID_REFINEMENTS):
+    for number_of_grids in range(_MAX_GRIDS):
+        if best is not None and number_of_grids > _GRID_REFINEMENTS:
+            break
         axes = [np.linspace(ends[0], ends[1], _GRID_POINTS[len(own) - 1]) for ends in window]
         places = np.stack([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")], axis=-1)
         margins = _least_margin(problem, attitude, _joints_at_places(joints, own, places), number)

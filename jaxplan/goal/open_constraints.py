@@ -18,7 +18,8 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.goal.free_devices import rows_about_device, settled
 from jaxplan.goal.problem import GoalProblem
-from jaxplan.model.constraints import SIGHT, chosen_entries, constraint_margins
+from jaxplan.model.constraints import BODY, INERTIAL, SIGHT, chosen_entries, constraint_margins
+from jaxplan.model.gimbals import angles_along, in_range
 from jaxplan.model.path import Goal
 
 TRIES = 4096
@@ -34,9 +35,9 @@ APART = np.deg2rad(2.0)
 """rad; goals closer than this count as one."""
 SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
-_DEVICE_SPARE = 2 * SPARE  # rad, as `SPARE`, of devices that make way, which leaves them a place to be found
-_WITH_JOINTS = 1024  # most random attitudes at which joints of devices without a target are looked for
-_JOINT_TRIES = 32  # random joints of each such device at each of them
+_DEVICE_SPARE = 2 * SPARE  # rad, as `SPARE`, of devices that make way: `settled` has to find them a place
+_WITH_JOINTS = 512  # most random attitudes at which joints of devices without a target are looked for
+_JOINT_TRIES = 16  # random joints of each such device at each of them
 AS_NEAR = 1e-6
 """rad; goals whose distances to a wish differ by less are as near to it."""
 _STARTS_AS_NEAR = np.deg2rad(1.0)
@@ -58,6 +59,7 @@ class _Unknowns:
         devices: numbers of the devices without a target that a constraint concerns.
         columns: (f,) numbers of their joints.
         ranges: (f, 2) rad, of these joints, at the goal.
+        spares: (Z, S) rad, margins to keep of the pairs of Z rows and S sights.
     """
 
     def __init__(self, problem: GoalProblem) -> None:
@@ -67,6 +69,7 @@ class _Unknowns:
         self.devices = [number for number in free if np.any(rows_about_device(problem, number))]
         self.columns = np.concatenate([np.empty(0, int), *(gimbals.joints_of(one) for one in self.devices)])
         self.ranges = problem.ranges[self.columns]
+        self.spares = np.where(_pairs_of_devices(problem, self.devices), _DEVICE_SPARE, SPARE)
 
     def attitudes(self, unknown: np.ndarray) -> np.ndarray:
         """Attitudes (..., 3, 3), body to inertial, of unknowns (..., 3 + f)."""
@@ -112,7 +115,8 @@ class _Unknowns:
         """Return unknowns (n, 3 + f) at which everything is kept, of n of the rotation vectors (k, 3) rad.
 
         Devices without a target, one after the other, stay where they are at the start if that is clear; if
-        not, random joints are tried, and the best ones kept.
+        not, they are pointed at the axes of zones that they have to stay in, then at random, and the best
+        joints are kept.
 
         Args:
             etas: rotation vectors at which all equations hold.
@@ -132,17 +136,40 @@ class _Unknowns:
             for number, rows in zip(self.devices, about, strict=True):
                 own = np.isin(self.columns, self.problem.spacecraft.gimbals.joints_of(number))
                 low, high = self.ranges[own].T
+                into = self._zones_to_stay_in(number)
                 best = self._least_margins(unknown, rows)
-                for _ in range(_JOINT_TRIES):
+                for attempt in range(len(into) + _JOINT_TRIES):
                     open_ = np.flatnonzero(best <= 0)
                     if not len(open_):
                         break
                     tried = unknown[open_]
-                    tried[:, 3:][:, own] = rng.uniform(low, high, (len(open_), len(low)))
+                    if attempt < len(into):
+                        places = self._joints_toward(tried, number, into[attempt])
+                    else:
+                        places = rng.uniform(low, high, (len(open_), len(low)))
+                    tried[:, 3:][:, own] = places
                     margins = self._least_margins(tried, rows)
                     better = margins > best[open_]
                     unknown[open_[better]], best[open_[better]] = tried[better], margins[better]
         return unknown[self._least_margins(unknown, every) > 0]
+
+    def _zones_to_stay_in(self, number: int) -> np.ndarray:
+        """Return which rows keep the boresight of device `number` near an axis of the sky or of the body."""
+        rows = self.problem.rows
+        fixed = (rows.frame == INERTIAL) | (rows.frame == BODY)
+        return np.flatnonzero(rows.bound[:, number] & fixed & (rows.side < 0))
+
+    def _joints_toward(self, unknown: np.ndarray, number: int, row: int) -> np.ndarray:
+        """Return joints (k, o) rad with device `number` as near to a row's axis as can be, at (k, 3 + f)."""
+        problem, axis = self.problem, self.problem.rows.axis[row]
+        gimbals, columns = problem.spacecraft.gimbals, problem.spacecraft.gimbals.joints_of(number)
+        body = np.tile(axis, (len(unknown), 1))
+        if problem.rows.frame[row] == INERTIAL:
+            body = axis @ self.attitudes(unknown)
+        azimuth, elevation = angles_along(gimbals.frames[number : number + 1], body[:, None])
+        yaw = in_range(azimuth, problem.ranges[columns[:1]], problem.rest[columns[:1]])
+        places = np.concatenate([yaw, elevation], axis=1)[:, : len(columns)]
+        return np.clip(places, *problem.ranges[columns].T)
 
     def _least_margins(self, unknown: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return the least margins (k,) rad of the constraints in `rows` (Z,) at unknowns (k, 3 + f)."""
@@ -261,8 +288,8 @@ def _find_local_minimum(unknowns: _Unknowns, place: np.ndarray) -> np.ndarray | 
             break
         place, before = unknowns.solve_equations(_run_slsqp(unknowns, place, which)), which
     left, margins = unknowns.aim_and_pair_margins(place)
-    least = np.min([*left, *constraint_margins(rows, margins)])
-    return place[:3] if least >= SPARE / 2 else None
+    least = np.min([*(left - SPARE / 2), *constraint_margins(rows, margins - unknowns.spares / 2)])
+    return place[:3] if least >= 0 else None
 
 
 def _run_slsqp(unknowns: _Unknowns, place: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -274,7 +301,6 @@ def _run_slsqp(unknowns: _Unknowns, place: np.ndarray, which: np.ndarray) -> np.
     from scipy.optimize import minimize  # slow to import, and seldom needed
 
     problem, reaches = unknowns.problem, list[float]()
-    spares = np.where(_pairs_of_devices(problem, unknowns.devices), _DEVICE_SPARE, SPARE)[which]
     ranges = [(None, None)] * 3 + [(low, high) for low, high in unknowns.ranges.tolist()]
 
     def distance(number: int, place: np.ndarray) -> np.ndarray:
@@ -283,7 +309,7 @@ def _run_slsqp(unknowns: _Unknowns, place: np.ndarray, which: np.ndarray) -> np.
     def spare(place: np.ndarray) -> np.ndarray:
         left, margins = unknowns.aim_and_pair_margins(place)
         near = [reach + AS_NEAR - distance(number, place)[..., None] for number, reach in enumerate(reaches)]
-        return np.concatenate([*near, left - SPARE, margins[..., which] - spares], axis=-1)
+        return np.concatenate([*near, left - SPARE, (margins - unknowns.spares)[..., which]], axis=-1)
 
     constraints: list[dict[str, Any]] = [
         {"type": "ineq", "fun": spare, "jac": lambda place: _central_differences(spare, place)},

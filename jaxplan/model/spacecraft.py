@@ -199,8 +199,6 @@ class Spacecraft:
     @made_once
     def stiff(self) -> "Spacecraft":
         """The same spacecraft as if its inertia stayed what it is with all joints at zero."""
-        if self.stages is None:
-            return self
         terminals = [replace(one, yaw_inertia=None, pitch_inertia=None) for one in self.terminals]
         drives = [replace(one, inertia=None) for one in self.drives]
         return replace(self, terminals=tuple(terminals), drives=tuple(drives), inertia=self.whole_inertia)

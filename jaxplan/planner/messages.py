@@ -22,6 +22,7 @@ from jaxplan.trajectory.peaks import peaks
 
 FOR_LONGER = "let it be known for longer, by more samples or a longer sky.for_duration_s"
 """Advice where a target or a zone that moves is known for a shorter time than the motion takes."""
+_LEAST_STEP = 1e-3  # rad, the least that search.attitude_step_rad may be
 _NARROW_STEP = 2.0  # times a keep-in zone's half angle; a step with which paths are found in it
 
 
@@ -175,14 +176,18 @@ def _advise_shorter_steps(scenario: Scenario) -> str:
     An edge of one step in a zone is seen to stay there only if the zone is wide enough for a bound of how far
     it may swing out.
     """
-    step = scenario.search.attitude_step
-    cones = [zone for zone in scenario.keep_in if zone.inside is None]
+    step, robust = scenario.search.attitude_step, scenario.robust
+    reserve = 0.0 if robust is None else robust.attitude_error + robust.joint_error
+    cones = [zone for zone in scenario.keep_in if zone.inside is None and zone.is_inertial]
     narrowest = min(cones, key=lambda zone: zone.half_angle, default=None)
-    if narrowest is None or _NARROW_STEP * narrowest.half_angle >= step:
+    if narrowest is None:
+        return ""
+    shorter = max(float(f"{_NARROW_STEP * (narrowest.half_angle - reserve):.2g}"), _LEAST_STEP)
+    if shorter >= step:
         return ""
     return (
-        f"lower search.attitude_step_rad (now {step:g}) to {_NARROW_STEP * narrowest.half_angle:.2g}, since "
-        f"keep-in zone {narrowest.name} is narrow, "
+        f"lower search.attitude_step_rad (now {step:g}) to {shorter:g}, since keep-in zone "
+        f"{narrowest.name} is narrow, "
     )
 
 

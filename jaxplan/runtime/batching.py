@@ -100,11 +100,14 @@ class Seconds:
 
     @contextmanager
     def shared(self, numbers: Sequence[int] | np.ndarray) -> Iterator[None]:
-        """Divide the time that a with block takes equally among the pieces of work with these indices."""
+        """Divide the time that a with block takes equally among the pieces of work with these indices.
+
+        An index that occurs several times gets as many parts.
+        """
         began = working_time()
         yield
         if len(numbers):
-            self.spent[np.asarray(numbers)] += (working_time() - began) / len(numbers)
+            np.add.at(self.spent, np.asarray(numbers), (working_time() - began) / len(numbers))
 
 
 class Request(Protocol):

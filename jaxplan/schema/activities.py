@@ -269,7 +269,7 @@ def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
     check_unique(rows)
     for place, one in rows:
         if one.name == REST:
-            told = "plans call the rest so that follows all activities, must be another name"
+            told = "is the name of the rest after all activities, must be another name"
             place["name"].fault(told, one.name)
     named = {one.name: one for _, one in rows if one.name is not WRONG}
     wrong = False

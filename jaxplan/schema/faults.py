@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 # A longer name is not compared with the known ones, nor shown in full.
 _LONGEST_NAME = 60
 # Share of two names that must be alike for one to be suggested; "priority" has 0.62 of "point".
-_ALIKE = 0.7
+_ALIKE = 0.65
+# Letters of a name that is suggested because the unknown one is its beginning.
+_LEAST_BEGINNING = 3
 # A file with more faults than this is not one that somebody mends by hand; reading stops.
 _MOST_FAULTS = 1000
 # Values of an array that are shown; nine are a matrix.
@@ -217,8 +219,9 @@ class Place:
 
 
 def closest(name: str, known: Sequence[str]) -> str | None:
-    """Return the known name that an unknown one resembles, None if there is none."""
+    """Return the known name that an unknown one resembles or begins, None if there is none."""
     alike = [one for one in known if one.casefold() == name.casefold()]
+    alike += [one for one in known if len(name) >= _LEAST_BEGINNING and one.startswith(name)]
     close = difflib.get_close_matches(name, known, 1, _ALIKE) if len(name) <= _LONGEST_NAME else []
     return next(iter([*alike, *close]), None)
 

@@ -20,6 +20,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.constraints import constraint_margins, state_margins
 from jaxplan.model.path import Path, step_cost
 from jaxplan.model.scenario import SearchSettings
+from jaxplan.model.scores import room
 from jaxplan.search.edges import interval_slacks, motion_margins, straight_lines
 from jaxplan.search.kernel_calls import Call, Kernel, Scenes
 from jaxplan.search.scene import Scene, steps_between, tapered
@@ -120,8 +121,10 @@ def _are_clear_when_refined(scenes: Scenes, number: int, unsure: np.ndarray, wan
     first, last = np.repeat(scene.ends[:, None], len(wanted) + 1, axis=1)
     corners = between(first, last, np.linspace(0, 1, len(wanted) + 1))
     states = scene.start_attitude @ quaternion.to_matrix(corners[:, :4]), corners[:, 4:]
+    asked = np.append(wanted, 0.0)  # at the start of each interval, and at the goal
     for rows in scene.tables:
-        if not np.all(constraint_margins(rows, state_margins(rows, scene.sights, *states)) > 0):
+        left = constraint_margins(rows, state_margins(rows, scene.sights, *states))
+        if not np.all(left >= np.minimum(asked[:, None], room(rows))):
             return False
     pieces = [Call(_straight_slacks, (corners[k : k + 2], np.full(len(wanted), wanted[k]))) for k in unsure]
     return all(np.all(slacks >= 0) for slacks in scenes.part([number] * len(pieces)).answers(pieces))

@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxplan.model.activities import Activity
 from jaxplan.model.status import Status
-from jaxplan.timeline.motions import Doing, Motion, Refused
+from jaxplan.timeline.motions import LEAST_LENGTH, Doing, Motion, Refused
 
 _TIME_TOLERANCE = 1e-9  # s, by which a time may be late
 
@@ -21,11 +21,9 @@ def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
     end, latest = doing.ends(motion.begin), activity.latest
     lasting = activity.duration is None and activity.kind != "point"
     if lasting and doing.latest_end is not None and not doing.lasts(motion.begin):
-        late = max(motion.begin - doing.latest_end, 0.0)
-        raise Refused(
-            Status.OUT_OF_WINDOW,
-            f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",
-        )
+        late = motion.begin - doing.latest_end
+        when = f", {late:.2f} s after its end" if late > LEAST_LENGTH else ", when it has to end"
+        raise Refused(Status.OUT_OF_WINDOW, f"it can begin at {motion.begin:.2f} s at the earliest{when}")
     if latest is not None and end > latest + _TIME_TOLERANCE:
         hidden = doing.seen_at_last(motion.begin)
         why = f"its slew begins at {since:.2f} s and ends at {motion.begin:.2f} s"

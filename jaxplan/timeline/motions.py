@@ -42,7 +42,8 @@ _LOOK_INTERVAL, _MAX_LOOKS = 5.0, 2000  # s between looks at zones, and the most
 _EXACT_TOLERANCE = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
 _EXTRA_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ranges if it can
 _TIME_TOLERANCE = 1e-9  # s, by which a time may be late
-_LEAST_LENGTH = 1e-6  # s; a motion that is not longer counts as an instant
+LEAST_LENGTH = 1e-6
+"""s; a motion that is not longer counts as an instant."""
 _INSTANT_TOLERANCE = 1e-3  # s, between the end of a span and what begins because of it
 
 
@@ -117,7 +118,7 @@ class Doing:
 
     def lasts(self, begin: float) -> bool:
         """Tell whether a motion from `begin`, s, to the end has a length; if not, it is an instant."""
-        return self.ends(begin) - begin > _LEAST_LENGTH
+        return self.ends(begin) - begin > LEAST_LENGTH
 
     @property
     def last_begin(self) -> float:
@@ -370,7 +371,7 @@ class Doing:
         latest = np.inf if self.activity.latest is None else self.activity.latest
         what, until = ("its window", latest) if latest < self.known else ("the timeline", self.known)
         end = self.ends(begin)
-        if end - self.known > _TIME_TOLERANCE:  # no longer slew is tried, so these numbers are bounds
+        if end - self.known > _TIME_TOLERANCE:  # slews that end later are not tried, so these are bounds
             raise Refused(
                 Status.OUT_OF_WINDOW,
                 f"it can begin at {begin:.2f} s at the earliest, and would end at least {end - until:.2f} s "

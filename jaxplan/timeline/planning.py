@@ -25,7 +25,7 @@ from jaxplan.timeline import curves, proving
 from jaxplan.timeline.activity_checks import expect_in_time, expect_near
 from jaxplan.timeline.choices import Choice, SlewTime
 from jaxplan.timeline.looking_ahead import led_ahead
-from jaxplan.timeline.motions import Doing, Motion, Refused
+from jaxplan.timeline.motions import LEAST_LENGTH, Doing, Motion, Refused
 from jaxplan.timeline.partial_plan import SoFar, first_again
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
@@ -216,7 +216,7 @@ class _Day(SoFar):
     def rest(self) -> None:
         """Plan a rest until the end of the timeline, if time is left."""
         until = self.timeline.until
-        if until is not None and until > self.time + _TIME_TOLERANCE:
+        if until is not None and until > self.time + LEAST_LENGTH:
             self._try_activity(Activity(name=REST, idle=True))
 
     def _do_activity(self, activity: Activity, *, listed: bool = True) -> None:
@@ -387,7 +387,7 @@ class _Day(SoFar):
         """
         given = doing.activity.attitude
         asked = self.state if given is None else State.still(given.attitude, given.joints)
-        if doing.activity.targets is not None or not self.state.at_rest or not asked.near(self.state):
+        if doing.activity.targets is not None or not self.state.at_rest or not asked.same_as(self.state):
             return None
         try:
             motion = self._find_motion(doing, self.time)
@@ -395,8 +395,8 @@ class _Day(SoFar):
             if refused.status is Status.OUT_OF_WINDOW:
                 raise
             return None
-        if motion.tracked is not None:
-            return None
+        if motion.tracked is not None or (motion.trajectory is None and not self.parts):
+            return None  # it moves, or would leave a day without any motion
         expect_in_time(doing, motion, self.time)
         return Slew(status=Status.OK, message="", duration=0.0, time=SlewTime.fixed(0.0)), motion
 

@@ -33,8 +33,8 @@ _ADVICE = {
     ),
     Status.LIMITS_TOO_TIGHT: (
         "The message names the limit. If a motion exceeds it, let the activity begin later or what comes "
-        "before it end sooner, choose targets that move less fast, or raise it; if wheels are full by what "
-        "they store, only what the message says helps."
+        "before it end sooner, choose targets that move less fast, or raise that limit; if wheels are full "
+        "by what they store, only what the message says helps."
     ),
     Status.INFEASIBLE: "Let the activity begin at another time, or after something else.",
     Status.UNCERTIFIED: (

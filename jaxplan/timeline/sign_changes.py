@@ -132,7 +132,7 @@ def least(table: np.ndarray, times: np.ndarray, values: Values) -> tuple[np.ndar
         that is NaN everywhere.
     """
     known = np.where(np.isnan(table), np.inf, table)
-    place, column = _find_lowest_dips(np.where(np.isfinite(known), known, _INFINITY_STAND_IN))
+    place, column = _find_lowest_dips(np.clip(known, -_INFINITY_STAND_IN, _INFINITY_STAND_IN))
     low, high = times[np.maximum(place - 1, 0)], times[np.minimum(place + 1, len(times) - 1)]
     found = _minimize_columns(low, high, column, np.ones(len(column)), values)
     own = values(found, column) if len(column) else np.zeros(0)

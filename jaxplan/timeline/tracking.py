@@ -97,7 +97,7 @@ class State:
         """Whether nothing moves or begins to."""
         return not any(np.any(one) for one in (self.velocity, self.rates, self.acceleration, self.bends))
 
-    def near(self, other: "State") -> bool:
+    def same_as(self, other: "State") -> bool:
         """Tell whether attitude and joints are those of another state but for rounding."""
         turned = float(so3.distance(self.attitude, other.attitude))
         return bool(turned <= _SAME_STATE and np.all(np.abs(self.joints - other.joints) <= _SAME_STATE))

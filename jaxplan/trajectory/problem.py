@@ -46,7 +46,7 @@ _SMOOTHING_WEIGHT = 1e-9  # weight of the third derivative beside the distance f
 _DEFAULT_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad, of the tube about nodes, unless the settings give one
 _CLEARANCE = float(np.deg2rad(0.3))  # rad, margin wanted at places, so that zones are kept between them
 _BIND_FACTOR = 1.05  # factor on the platform's own least time; if the joints take longer, they alone bind
-_LIGHT_SHARE = 0.05  # of the inertia, in which heavier moving parts change which motion is quickest
+_LIGHT_RATIO = 1.05  # of the bounds without and with moving parts; up to it these parts are light
 _END_MARGIN_SHARE = 0.5  # fraction of the margin at start or goal that is wanted elsewhere, at most
 
 Timing = Literal["given", "stretched", "shortest"]
@@ -118,13 +118,18 @@ class FitProblem:
         """The same problem with zero accelerations at both ends; its solutions solve this one, too."""
         return self if self.rests else replace(self, settings=replace(self.settings, end_acceleration="zero"))
 
-    @cached_property
+    @property
     def stiff(self) -> "FitProblem":
         """The same problem as if the inertia stayed the same as joints move, if what they move is light."""
-        moving, whole = self.spacecraft.stages, self.spacecraft.whole_inertia
-        if moving is None or whole is None or np.trace(moving.at_zero) > _LIGHT_SHARE * np.trace(whole):
-            return self
-        return replace(self, spacecraft=self.spacecraft.stiff)
+        return self._stiff or self
+
+    @cached_property
+    def _stiff(self) -> "FitProblem | None":
+        """That problem; None without such parts, or if they may change what the platform can do by much."""
+        if self.spacecraft.stages is None:
+            return None
+        other = replace(self, spacecraft=self.spacecraft.stiff)
+        return other if other.bound <= _LIGHT_RATIO * self.bound else None
 
     @property
     def weights(self) -> tuple[float, float, float]:

@@ -201,7 +201,8 @@ class Strategy:
     ) -> dict[int, Fit]:
         """Fits in given durations, s, from the shortest motions with rates at the ends; some may fail.
 
-        Where `closest` has no attempt in the given duration, a failed fit shows one near the shortest motion.
+        Where `closest` has no attempt in the given duration, a failed fit shows one near the shortest motion,
+        and that motion itself if there is none either.
         """
         slowed = self._moving.slow_to_limits(quickest)
         swift = {n: own for n, own in slowed.items() if own.good and own.duration <= durations[n]}

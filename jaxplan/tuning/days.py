@@ -241,6 +241,10 @@ def _state_rule(choice: Choice) -> Reached:
     if targets is not None:
         return pointed(choice, targets)
     if choice.activity.attitude is not None:
+        if choice.time is not None and choice.time.kind == FIXED and choice.time.seconds == 0.0:
+            raise ValueError(
+                "it keeps the attitude before it, and any other takes a slew: ask for idle = true"
+            )
         return Held()
     found = Rested(in_time=bool(np.any(before.velocity) or np.any(before.rates)))
     if off_by(found, choice) > _STATE_TOLERANCE:

@@ -342,6 +342,30 @@ def never(*_, **__):
     raise AssertionError("this takes long, and is not needed")
 
 
+@pytest.mark.slow
+def test_an_attitude_that_was_held_before_has_no_slopes_though_idle_has():
+    """Any change of it adds the least slew."""
+    start = jp.GivenState(rotation_vector=[0.0, 0.0, 0.0], joints=[])
+    aside = jp.GivenState(rotation_vector=[0.5, 0.0, 0.0], joints=[])
+    craft = jp.Spacecraft(rate_limit=0.02, acceleration_limit=0.002)
+    scene = jp.Scenario(name="held", spacecraft=craft, start=start, goal=start)
+    first = jp.Activity(name="first", attitude=aside, duration=5.0)
+    for second in (
+        jp.Activity(name="second", attitude=aside, duration=5.0),
+        jp.Activity(name="second", idle=True, duration=5.0),
+    ):
+        scene = replace(scene, trajectory=jp.TrajectorySettings(optimal=True))
+        day = jp.plan_timeline(
+            jp.Timeline(name="held", scene=scene, activities=(first, second)), progress=False
+        )
+        assert day.activities[1].slew == 0
+        if second.idle:
+            assert jp.sensitivities(day, "total_time").rows
+        else:
+            with pytest.raises(ValueError, match="second: it keeps the attitude before it"):
+                jp.sensitivities(day, "total_time")
+
+
 def test_a_plan_that_failed_is_refused():
     plan = replace(planned("joints and platform"), status=jp.Status.UNCERTIFIED)
     with pytest.raises(ValueError, match="ended as UNCERTIFIED: only an OK one"):

@@ -7,6 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.planner.entry_points import as_filed
+from jaxplan.planner.steps import find_goals
 
 ROLLS = np.deg2rad(np.arange(0.0, 360.0, 1.0))
 ROOM = np.deg2rad(0.5)  # rad, by which a device has to be within its zone to count as able to keep it
@@ -82,6 +84,34 @@ SCENES = {
         kept_in("antenna", [np.sin(np.deg2rad(40.0)), 0, -np.cos(np.deg2rad(40.0))], 25),
     ),
 }
+
+
+def antenna_kept_within(half_angle_deg, **more):
+    """A link that the antenna reaches only after half a turn about the telescope's axis or so."""
+    link = [np.sin(np.deg2rad(40.0)), 0, -np.cos(np.deg2rad(40.0))]
+    devices = {"terminals": (ANTENNA,), **more}
+    joints = np.deg2rad([0.0, 50.0, *[0.0] * len(more)])
+    zones = kept_in("antenna", link, half_angle_deg)
+    return scene(devices, joints, [-0.8, 0.6, 0], zones)
+
+
+@pytest.mark.parametrize("half_angle_deg", [3.0, 0.5, 0.1])
+def test_narrow_zones_are_met_as_wide_ones_are(half_angle_deg):
+    scenario = antenna_kept_within(half_angle_deg)
+    found = find_goals(as_filed("scenario", scenario))
+    assert not isinstance(found, jp.Plan), found.message
+    assert (
+        found[0].slew_angle
+        <= least_slew(SCENES["antenna kept in a cone"], np.deg2rad(25.0 - half_angle_deg)) + 0.02
+    )
+
+
+def test_two_devices_without_a_target_keep_their_zones_together():
+    scenario = antenna_kept_within(0.5, drives=(ARRAY,))
+    facing = replace(kept_in("array", SUN, 5)["keep_in"][0], name="sun")
+    scenario = replace(scenario, keep_in=(*scenario.keep_in, facing))
+    found = find_goals(as_filed("scenario", scenario))
+    assert not isinstance(found, jp.Plan), found.message
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.path import Goal
+from jaxplan.planner.messages import _advise_shorter_steps
 from jaxplan.search.kernel_calls import Scenes
 from jaxplan.search.paths import straight_paths
 from jaxplan.search.scene import make_scene
@@ -109,3 +110,16 @@ def test_half_a_turn_is_straight_only_if_it_swings_to_the_side_on_which_the_zone
     scene = make_scene(scenario, goal)
     path = straight_paths(Scenes([scene]), [replace(scenario.search, clearance=0.0)])[0]
     assert (path is not None) == stays
+
+
+@pytest.mark.parametrize(("half_angle_deg", "step"), [(0.5, "0.017"), (0.02, "0.001"), (2.8, "0.098")])
+def test_the_step_that_is_named_is_shorter_and_may_be_set(half_angle_deg, step):
+    scenario = slew_that_keeps_the_link(half_angle_deg, past_the_sun=True)
+    told = f"lower search.attitude_step_rad (now 0.1) to {step}, since keep-in zone partner is narrow, "
+    assert _advise_shorter_steps(scenario) == told
+    for wide in (2.9, 30.0):
+        assert not _advise_shorter_steps(slew_that_keeps_the_link(wide))
+    with_errors = replace(scenario, robust=jp.Robust(attitude_error=np.deg2rad(half_angle_deg / 2)))
+    assert float(_advise_shorter_steps(with_errors).split()[5].strip(",")) <= max(
+        float(step) / 2 + 1e-3, 1e-3
+    )

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import make_observer, make_scenario
+from scipy.spatial.transform import Rotation
 from stages import exchanged, momentum, torque, with_stages
 from wheels import INERTIA, instants, numbers, random_wheels, with_wheels
 
@@ -124,9 +125,9 @@ def test_light_stages_may_be_left_out_of_all_but_the_last_search(monkeypatch):
 
 def test_heavy_stages_are_known_to_every_search():
     problem = FitProblem(
-        attitudes=np.stack([np.eye(3)] * 2),
+        attitudes=np.stack([np.eye(3), Rotation.from_rotvec([0.0, 0.6, 0.8]).as_matrix()]),
         joints=np.zeros((2, 2)),
-        turns=np.zeros((1, 3)),
+        turns=np.array([[0.0, 0.6, 0.8]]),
         fractions=None,
         rates=np.zeros((2, 5)),
         spacecraft=wheeled(1, "minimum", size=0.05).spacecraft,

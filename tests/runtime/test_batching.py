@@ -94,6 +94,14 @@ def test_runs_go_on_together_and_each_gets_its_own_answers():
     assert_each(seconds.spent, ">=", 0)
 
 
+def test_work_that_is_named_several_times_gets_as_many_parts_of_the_time():
+    seconds = Seconds(3)
+    with seconds.shared([1, 1, 1, 0]):
+        sum(range(100_000))
+    assert seconds.spent[1] == pytest.approx(3 * seconds.spent[0])
+    assert seconds.spent[2] == 0
+
+
 def test_no_call_answers_more_requests_than_it_may():
     sizes = []
 

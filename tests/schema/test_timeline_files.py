@@ -229,7 +229,7 @@ def test_all_faults_are_told_at_once():
         (
             'name = "snap"',
             'name = "rest until the end"',
-            "plans call the rest so that follows all activities",
+            "is the name of the rest after all activities",
         ),
         ("idle = true", "", "activity[3].track: missing (or point, attitude, quaternion_wxyz, idle)"),
         ("idle = true", "idle = false", "activity[3].idle = false: must be true"),

@@ -411,6 +411,33 @@ def test_what_is_held_already_needs_no_slew(asked, slew):
     assert "can end at 70.10 s at the earliest, 0.10 s after its window" in found.message
 
 
+def held_day(*activities, until):
+    return replace(links_day("shortest"), activities=activities, until=until)
+
+
+def test_what_is_nearly_held_takes_the_least_slew():
+    start = relay_scene().start
+    turned = replace(start, rotation_vector=np.add(start.rotation_vector, [1e-7, 0, 0]))
+    day = held_day(jp.Activity(name="aside", attitude=turned, duration=1.0), until=10.0)
+    plan = jp.plan_timeline(day, progress=False)
+    assert plan.activities[0].slew == pytest.approx(0.5)
+
+
+def test_rounding_that_is_left_until_the_end_is_no_rest():
+    thirds = [jp.Activity(name=name, idle=True, duration=3.3333333) for name in "abc"]
+    plan = jp.plan_timeline(held_day(*thirds, until=10.0), progress=False)
+    assert [one.name for one in plan.activities] == ["a", "b", "c"]
+
+
+def test_a_day_of_one_instant_has_a_motion_that_is_proved():
+    instant = jp.Activity(name="now", idle=True, duration=0.0)
+    day = held_day(instant, until=None)
+    still = replace(day, scene=replace(day.scene, keep_out=(), keep_in=()))
+    plan = jp.plan_timeline(still, progress=False)
+    assert plan.trajectory is not None
+    assert plan.certificate.certified
+
+
 def test_an_attitude_is_held_at_rest():
     plan = planned("images")
     done = next(one for one in plan.activities if one.name == "aside")

@@ -76,6 +76,12 @@ def test_only_dips_that_may_be_the_least_are_looked_at():
     assert np.argmin(ripples) in place[column == 1]
 
 
+def test_a_sample_that_is_infinitely_low_stays_the_least():
+    table = np.array([[1.0], [-np.inf], [1.0], [0.5]])
+    _, value = least(table, np.arange(4.0), lambda times, columns: np.full(len(times), 0.75))
+    assert value.tolist() == [-np.inf]
+
+
 def test_a_column_that_is_nowhere_a_number_is_infinite():
     _, value = least(
         np.full((5, 1), np.nan), np.arange(5.0), lambda times, columns: np.full(len(times), np.nan)
