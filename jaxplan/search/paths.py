@@ -32,6 +32,9 @@ CORNERS = 10  # nodes between which shortcuts are tried
 _PAIR_STARTS, _PAIR_ENDS = np.array(list(combinations(range(CORNERS), 2))).T
 _CORNER_INTERVALS, _EDGE_INTERVALS = 16, 4  # of a shortcut, and of an edge of at most a few steps
 _MIN_EDGE_COST = 1e-12  # steps
+# Most by which a bound over an interval of a straight motion lies above the scores at its ends, where
+# platform and joints turn by 2 pi each.
+_MAX_BOUND_ERROR = (4 * np.pi / STRAIGHT_INTERVALS) ** 2 / 8
 
 
 def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
@@ -100,7 +103,8 @@ def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[P
     calls = [straight_call(scenes.scenes[number], wanted[number]) for number in tried]
     for number, slacks in zip(tried, scenes.part(tried).answers(calls), strict=True):
         unsure = np.flatnonzero(~(slacks >= 0))
-        if not len(unsure) or _are_clear_when_refined(scenes, number, unsure, wanted[number]):
+        refinable = np.all(slacks >= -_MAX_BOUND_ERROR)
+        if not len(unsure) or (refinable and _are_clear_when_refined(scenes, number, unsure, wanted[number])):
             paths[number] = subdivide(scenes.scenes[number], scenes.scenes[number].ends)
     return paths
 
