@@ -49,7 +49,7 @@ _MAX_DESCENTS = 4  # descents at most, each with the entries that hold best wher
 
 
 class _Unknowns:
-    """What is looked for, and all that is to hold, as functions of it; see the module.
+    """The unknowns of a search for goals, and margins and equations as functions of them; see the module.
 
     Args:
         problem: the problem of step 1.
@@ -134,24 +134,37 @@ class _Unknowns:
             unknown = unknown[:_WITH_JOINTS]
         for _ in range(2 if len(about) > 1 else 1):  # each may be in the other's way
             for number, rows in zip(self.devices, about, strict=True):
-                own = np.isin(self.columns, self.problem.spacecraft.gimbals.joints_of(number))
-                low, high = self.ranges[own].T
-                into = self._zones_to_stay_in(number)
-                best = self._least_margins(unknown, rows)
-                for attempt in range(len(into) + _JOINT_TRIES):
-                    open_ = np.flatnonzero(best <= 0)
-                    if not len(open_):
-                        break
-                    tried = unknown[open_]
-                    if attempt < len(into):
-                        places = self._joints_toward(tried, number, into[attempt])
-                    else:
-                        places = rng.uniform(low, high, (len(open_), len(low)))
-                    tried[:, 3:][:, own] = places
-                    margins = self._least_margins(tried, rows)
-                    better = margins > best[open_]
-                    unknown[open_[better]], best[open_[better]] = tried[better], margins[better]
+                self._place_device(unknown, number, rows, rng)
         return unknown[self._least_margins(unknown, every) > 0]
+
+    def _place_device(
+        self, unknown: np.ndarray, number: int, rows: np.ndarray, rng: np.random.Generator
+    ) -> None:
+        """Change the joints of device `number` in place, where the constraints about it do not hold.
+
+        Args:
+            unknown: (k, 3 + f), which are changed to the best that was tried.
+            number: of the device.
+            rows: (Z,) bool, the rows about it.
+            rng: where random joints come from.
+        """
+        own = np.isin(self.columns, self.problem.spacecraft.gimbals.joints_of(number))
+        low, high = self.ranges[own].T
+        into = self._zones_to_stay_in(number)
+        best = self._least_margins(unknown, rows)
+        for attempt in range(len(into) + _JOINT_TRIES):
+            broken = np.flatnonzero(best <= 0)
+            if not len(broken):
+                break
+            tried = unknown[broken]
+            if attempt < len(into):
+                places = self._joints_toward(tried, number, into[attempt])
+            else:
+                places = rng.uniform(low, high, (len(broken), len(low)))
+            tried[:, 3:][:, own] = places
+            margins = self._least_margins(tried, rows)
+            better = margins > best[broken]
+            unknown[broken[better]], best[broken[better]] = tried[better], margins[better]
 
     def _zones_to_stay_in(self, number: int) -> np.ndarray:
         """Return which rows keep the boresight of device `number` near an axis of the sky or of the body."""

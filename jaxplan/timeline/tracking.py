@@ -94,7 +94,7 @@ class State:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves or begins to."""
+        """Whether rates and accelerations of platform and joints are all zero."""
         return not any(np.any(one) for one in (self.velocity, self.rates, self.acceleration, self.bends))
 
     def same_as(self, other: "State") -> bool:

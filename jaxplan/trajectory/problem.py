@@ -125,7 +125,7 @@ class FitProblem:
 
     @cached_property
     def _stiff(self) -> "FitProblem | None":
-        """That problem; None without such parts, or if they may change what the platform can do by much."""
+        """The stiff problem; None if no part that joints move has an inertia, or if one is not light."""
         if self.spacecraft.stages is None:
             return None
         other = replace(self, spacecraft=self.spacecraft.stiff)

@@ -408,7 +408,7 @@ def _scaled_to(duration: float, quickest: Attempt, closest: Attempt | None) -> F
 
 
 def _at_speed(attempts: Mapping[int, Attempt | None]) -> dict[int, Attempt]:
-    """Those of attempts that have a rate at an end."""
+    """Return the attempts, by number, that have a rate at the start or the goal."""
     return {n: own for n, own in attempts.items() if own is not None and own.problem.at_speed}
 
 
