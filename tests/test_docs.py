@@ -679,7 +679,7 @@ def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
     assert slope == pytest.approx(-3 * effort / trajectory.duration, rel=0.5)
     assert slope < 0
     scene = names["scenario"]
-    stay = jp.Activity(name="stay", attitude=scene.start, duration=20.0)
+    stay = jp.Activity(name="stay", idle=True, duration=20.0)
     names["timeline"] = jp.Timeline(name="day", scene=scene, activities=(stay,))
     capsys.readouterr()
     exec(of_day, names)
