@@ -8,7 +8,8 @@ that yaws, with a radius of gyration of 0.15 m about the yaw axis, and on it a t
 Of each plan that is made without these inertias the largest torque of the platform's body axes without and
 with them, the certificate's largest share of a wheel's torque and momentum with them, and how much longer a
 plan takes that knows of them. Then how many plans break a wheel's limit, and warm CPU times of plans, also of
-a body without wheels whose limits about its axes are what the pyramid gives along these.
+a body without wheels, in two boxes of limits about its axes. The inner one is what the pyramid can give about
+all axes at once, as it is approximated by hand; the outer one what it gives about one axis at a time.
 
     python bench/stages.py [-n 20] [--heavier 1 10] [--repeats 3]
 """
@@ -18,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from _machine import print_machine
@@ -33,13 +35,13 @@ PYRAMID = np.array([[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]]) / np.sqrt(2)
 TORQUE, MOMENTUM = 0.2, 8.0  # N m, N m s
 DURATIONS = ("minimum", "stretched")
 ALLOWED = 1e-6  # share of a limit by which the certificate lets a plan pass it
-TOGETHER = 16  # plans of a batch
+OUTER, INNER = 1.0, 0.5  # shares of what the pyramid gives along an axis: each alone, all together
 
 
-def in_a_box(scenario: jp.Scenario, duration: str) -> jp.Scenario:
-    """The scene with limits about the body's axes instead of wheels: what the pyramid gives along each."""
+def in_a_box(scenario: jp.Scenario, duration: str, share: float) -> jp.Scenario:
+    """The scene with limits about the body's axes instead of wheels, a share of what the pyramid gives."""
     scenario = scene(scenario, duration, 0.0)
-    along = np.sum(np.abs(PYRAMID), axis=0)  # of the unit wheels
+    along = share * np.sum(np.abs(PYRAMID), axis=0)  # of the unit wheels
     box = {"torque_limit": TORQUE * along, "wheel_momentum_limit": MOMENTUM * along}
     return replace(scenario, spacecraft=replace(scenario.spacecraft, wheels=(), **box))
 
@@ -101,38 +103,41 @@ def compare(own: Sequence[tuple[str, jp.Scenario]], factor: float) -> None:
     print()
 
 
-def seconds(call: Callable[[], object], repeats: int) -> float:
-    """CPU seconds of a call, the least of some, after one that compiles."""
-    call()
-    found = []
-    for _ in range(repeats):
-        begin = time.process_time()
+def seconds(calls: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """CPU seconds of each call, the least of some in turns, after one of each that compiles."""
+    for call in calls:
         call()
-        found.append(time.process_time() - begin)
-    return min(found)
+    found = np.empty((repeats, len(calls)))
+    for row in found:
+        for column, call in enumerate(calls):
+            begin = time.process_time()
+            call()
+            row[column] = time.process_time() - begin
+    return np.min(found, axis=0).tolist()
 
 
-def clock(repeats: int) -> None:
-    """Print warm CPU times of plans in a box, with wheels, and with the inertias, alone and in a batch."""
-    print(
-        f"{'CPU, ms a plan':20}{'box':>10}{'wheels':>10}{'inertias':>10}{'over box':>10}{'over wheels':>13}"
-    )
-    cases = [jp.paper_case(number) for number in range(1, 5)]
-    many = [jp.random_scenario(seed) for seed in range(TOGETHER)]
+def clock(own: Sequence[jp.Scenario], repeats: int) -> None:
+    """Print warm CPU times of plans in boxes, with wheels, and with the inertias, alone and in a batch."""
+    names = ("outer box", "inner box", "wheels", "inertias", "over outer", "over inner", "over wheels")
+    print(f"{'CPU, ms a plan':20}" + "".join(f"{name:>13}" for name in names))
     for duration in DURATIONS:
-        for name, group in (("alone", cases), ("batch", many)):
-            variants = [[in_a_box(each, duration) for each in group]]
-            variants += [[scene(each, duration, factor) for each in group] for factor in (0.0, 1.0)]
-            if name == "alone":
-                calls = [
-                    lambda own=own: [jp.plan(each, throw=False, progress=False) for each in own]
-                    for own in variants
-                ]
-            else:
-                calls = [lambda own=own: jp.plan_batch(own, progress=False) for own in variants]
-            box, wheels, inertias = (1e3 * seconds(call, repeats) / len(group) for call in calls)
-            line = f"{duration + ', ' + name:20}{box:10.1f}{wheels:10.1f}{inertias:10.1f}"
-            print(f"{line}{inertias / box:10.2f}{inertias / wheels:13.2f}")
+        variants = [[in_a_box(each, duration, share) for each in own] for share in (OUTER, INNER)]
+        variants += [[scene(each, duration, factor) for each in own] for factor in (0.0, 1.0)]
+        alone = np.sum(
+            [
+                seconds([partial(jp.plan, each, throw=False, progress=False) for each in same], repeats)
+                for same in tqdm(
+                    list(zip(*variants, strict=True)), leave=False, disable=not sys.stderr.isatty()
+                )
+            ],
+            axis=0,
+        )
+        batch = seconds([partial(jp.plan_batch, each, progress=False) for each in variants], repeats)
+        for name, found in (("alone", alone), ("batch", batch)):
+            times = 1e3 * np.asarray(found) / len(own)
+            ratios = times[3] / times[:3]
+            line = f"{duration + ', ' + name:20}" + "".join(f"{value:13.1f}" for value in times)
+            print(line + "".join(f"{value:13.2f}" for value in ratios))
 
 
 def main() -> None:
@@ -145,7 +150,7 @@ def main() -> None:
     print_machine()
     for factor in options.heavier:
         compare(scenes(options.n), factor)
-    clock(options.repeats)
+    clock([each for _, each in scenes(options.n)], options.repeats)
 
 
 if __name__ == "__main__":
