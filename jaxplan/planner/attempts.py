@@ -2,7 +2,8 @@
 
 For each goal, nearest first, a ladder is climbed. Its *rungs* are attempts: along the path as found, along a
 new path with more clearance, and along both with more nodes, so that the trajectory keeps closer to them. A
-search that finds no path with the wanted clearance is repeated without any. If a device's own joints cannot
+search that finds no path with the wanted clearance is repeated without any, and before that in steps short
+enough for the narrowest keep-in zone, if those asked for are longer. If a device's own joints cannot
 get to a goal, goals at other whole turns of these joints are tried next, then goals within the part of their
 ranges that they can reach; a device without a target may also stop on its way. If zones separate a device
 from the direction that it prefers, goals without that wish are tried last. If a motion to a goal on the edge
@@ -28,6 +29,7 @@ from jaxplan.model.scenario import MINIMUM, Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.clock import Clock
+from jaxplan.planner.ladder import BARE_LADDER, LADDER, Ladder
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proving import ProofQuery
 from jaxplan.planner.record import Plan
@@ -45,23 +47,18 @@ from jaxplan.planner.steps import (
 )
 from jaxplan.planner.validity import start_breaches
 from jaxplan.search import (
-    Scene,
     SearchResult,
     derived_seed,
     find_barrier,
     find_joint_barrier,
+    in_narrow_zones,
     make_scene,
     short_of,
 )
 from jaxplan.trajectory import Fit, FitQuery
 
-# The ladder of attempts at one goal: a factor on the clearance, which keeps paths farther from zones, and how
-# often each edge is halved, which keeps the trajectory closer to the path.
-LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
 # rad, how far goals are kept off the edges of zones once a motion to a goal on an edge has crossed it.
 EDGE = 1e-6
-# The same without clearance, where no path is found with the wanted one, and time is left.
-BARE_LADDER = ((0.0, 0), (0.0, 1))
 
 # Outcomes from the least to the most informative: the most informative one is reported.
 _STATUS_ORDER = (
@@ -104,7 +101,7 @@ class Attempts:
         self._fitted_paths: set[bytes] = set()  # along which fits were asked for
         self._dropped_wishes = False  # whether goals without the wish of a device were looked for
         self._failed_nearest: Plan | None = None  # the failed plan to it, once others are tried
-        self._ladder: _Ladder | None = None
+        self._ladder: Ladder | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
         self._shorter: Shorter | None = None  # than the plan that was found, under way
         self._is_done = False  # whether no other attempt is of use
@@ -121,7 +118,7 @@ class Attempts:
         """Replace all attempts by a single fit, along the path of `plan` to its goal."""
         if plan.path is None or plan.goal is None:
             raise RuntimeError("a plan to go along has a path")
-        self._end_times, ladder = [], _Ladder(plan.goal, make_scene(self.scenario, plan.goal), ())
+        self._end_times, ladder = [], Ladder(plan.goal, make_scene(self.scenario, plan.goal), ())
         ladder.so_far = replace(plan, scenario=self.scenario, message="", trajectory=None, certificate=None)
         self._ladder, self.need = ladder, wanted_fit(self.scenario, plan.path, plan.goal)
 
@@ -158,6 +155,8 @@ class Attempts:
             self._sync_with_shorter(self._shorter)
             return
         ladder = self._current_ladder
+        if result.status is Status.NODE_LIMIT and self._search_in_shorter_steps(ladder):
+            return
         first = not ladder.found
         ladder.found[ladder.factor] = result
         if first and result.path is None and result.status is not Status.TIME_LIMIT:
@@ -165,6 +164,15 @@ class Attempts:
             self._climb_next_rung(ladder)
         else:
             self._fit_along(ladder, result)
+
+    def _search_in_shorter_steps(self, ladder: Ladder) -> bool:
+        """Set `need` to the same search in steps for narrow zones; False if its steps are short enough."""
+        scene = in_narrow_zones(self.scenario, ladder.scene)
+        if scene is None:
+            return False
+        ladder.scene = scene
+        self.need = SearchQuery(scene, self._search_settings(ladder.factor, len(ladder.found)))
+        return True
 
     def accept_fit(self, fitted: Fit) -> None:
         """Take the fit that `need` asked for, and set the next `need`."""
@@ -192,7 +200,7 @@ class Attempts:
             self._record_attempt(ladder, judged(ladder.so_far, certificate))
 
     @property
-    def _current_ladder(self) -> "_Ladder":
+    def _current_ladder(self) -> Ladder:
         """The ladder under way; RuntimeError before the first goal."""
         if self._ladder is None:
             raise RuntimeError("no goal has been found yet")
@@ -243,7 +251,7 @@ class Attempts:
             return None
         return replace(self.scenario, goal=replace(asked, clearance=EDGE))
 
-    def _make_ladder(self, goal: Goal, share: float) -> "_Ladder":
+    def _make_ladder(self, goal: Goal, share: float) -> Ladder:
         """Return a ladder for a goal; it has no rungs if a barrier is in the way, and other goals are queued.
 
         `share` is the fraction of what moving zones sweep that the search avoids, as of `swept`.
@@ -279,16 +287,16 @@ class Attempts:
             nearer = other_ends(scenario, goal, parted.device, short_of(scene, parted.device))
             ended = self._select_untried(nearer, share)
             if not turned and not ended:
-                return _Ladder(goal, scene, LADDER)
+                return Ladder(goal, scene, LADDER)
             self._goals_left = [*turned, *self._goals_left, *ended]
             message = messages.closed(scenario, parted, goal.time)
             failed = Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal)
             self._failed_nearest = self._failed_nearest or failed
-            return _Ladder(goal, scene, ())
+            return Ladder(goal, scene, ())
         else:
-            return _Ladder(goal, scene, LADDER)
+            return Ladder(goal, scene, LADDER)
         self._keep_if_better(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
-        return _Ladder(goal, scene, ())
+        return Ladder(goal, scene, ())
 
     def _select_untried(self, goals: Sequence[Goal], share: float) -> list[tuple[Goal, float]]:
         """Return the goals that were not tried yet, each with `share` (see `swept`); mark them as tried."""
@@ -310,7 +318,7 @@ class Attempts:
         self._substitutes_tried.add(own)
         return new
 
-    def _climb_next_rung(self, ladder: "_Ladder") -> None:
+    def _climb_next_rung(self, ladder: Ladder) -> None:
         """Begin with the next attempt of a ladder; after the last one go on to the next goal."""
         if self._is_done or not ladder.rungs:
             if self._is_done or not self._request_unbent_fit(ladder):
@@ -322,7 +330,7 @@ class Attempts:
         else:
             self.need = SearchQuery(ladder.scene, self._search_settings(ladder.factor, len(ladder.found)))
 
-    def _request_unbent_fit(self, ladder: "_Ladder") -> bool:
+    def _request_unbent_fit(self, ladder: Ladder) -> bool:
         """Ask for the shortest motion without bent curves, if none from bent ones was certified.
 
         Bent curves give shorter motions, which may swing from the path over the edge of a zone. Returns
@@ -350,7 +358,7 @@ class Attempts:
             time_limit=self.clock.left(),
         )
 
-    def _fit_along(self, ladder: "_Ladder", result: SearchResult) -> None:
+    def _fit_along(self, ladder: Ladder, result: SearchResult) -> None:
         """Set `need` to a fit along the path that a search found; if it found none, end this ladder."""
         so_far = Plan(scenario=self.scenario, status=result.status, goal=ladder.goal, search=result)
         if result.path is None:
@@ -391,7 +399,7 @@ class Attempts:
         else:
             self.need = ProofQuery(scenario=self.scenario, goal=plan.goal, trajectory=plan.trajectory)
 
-    def _record_attempt(self, ladder: "_Ladder", attempt: Plan) -> None:
+    def _record_attempt(self, ladder: Ladder, attempt: Plan) -> None:
         """Keep an attempt if it is the best so far; begin with the next one, or look for a shorter plan."""
         self._keep_if_better(attempt)
         # The global method looks for the shortest motion before it says that a duration is too short.
@@ -426,29 +434,3 @@ class Attempts:
         if self.plan is None or _STATUS_ORDER.index(attempt.status) > _STATUS_ORDER.index(self.plan.status):
             self.plan = attempt
         self._is_done = attempt.status in (Status.OK, Status.TIME_LIMIT)
-
-
-class _Ladder:
-    """The attempts that are made at one goal, in turn.
-
-    Attributes:
-        goal: where the manoeuvre is to end.
-        scene: the search problem.
-        rungs: attempts still to be made, each as (factor on the clearance, times that edges are halved).
-        found: results of searches, by factor on the clearance.
-        factor: factor of the attempt under way.
-        halvings: halvings of the attempt under way.
-        so_far: the plan of the attempt under way.
-        spare: the fit to go back to if that plan's trajectory is not certified; None for none.
-        uncertified: the first plan whose trajectory was not certified.
-        unbent: whether the motion along its path without bent curves has been asked for.
-    """
-
-    def __init__(self, goal: Goal, scene: Scene, rungs: Sequence[tuple[float, int]]) -> None:
-        self.goal, self.scene, self.rungs = goal, scene, list(rungs)
-        self.found: dict[float, SearchResult] = {}
-        self.factor, self.halvings = LADDER[0]
-        self.so_far: Plan
-        self.spare: Fit | None = None
-        self.uncertified: Plan | None = None
-        self.unbent = False

@@ -16,14 +16,20 @@ from jaxplan.model.scenario import Scenario, known_until, moves, seen_from, targ
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
-from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive, narrowest
+from jaxplan.search import (
+    Barrier,
+    JointBarrier,
+    Scene,
+    SearchResult,
+    most_obstructive,
+    narrow_zone,
+    narrowest,
+)
 from jaxplan.trajectory.fit import needed_words, too_tight
 from jaxplan.trajectory.peaks import peaks
 
 FOR_LONGER = "let it be known for longer, by more samples or a longer sky.for_duration_s"
 """Advice where a target or a zone that moves is known for a shorter time than the motion takes."""
-_LEAST_STEP = 1e-3  # rad, the least that search.attitude_step_rad may be
-_NARROW_STEP = 2.0  # times a keep-in zone's half angle; a step with which paths are found in it
 
 
 def when(scenario: Scenario, time: float) -> str:
@@ -165,29 +171,19 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
             f"({result.expansions} expansions): raise it, or search.heuristic_weight{blocked}"
         )
     return (
-        f"no path within search.max_expansions = {settings.max_expansions}: raise it, "
-        f"{_advise_shorter_steps(scenario)}or try another search.seed{blocked}"
+        f"no path within search.max_expansions = {settings.max_expansions}"
+        f"{_tell_shorter_step(scenario, scene)}: raise it, or try another search.seed{blocked}"
     )
 
 
-def _advise_shorter_steps(scenario: Scenario) -> str:
-    """Return advice to lower the step where a keep-in zone is narrow for it, else an empty text.
-
-    An edge of one step in a zone is seen to stay there only if the zone is wide enough for a bound of how far
-    it may swing out.
-    """
-    step, robust = scenario.search.attitude_step, scenario.robust
-    reserve = 0.0 if robust is None else robust.attitude_error + robust.joint_error
-    cones = [zone for zone in scenario.keep_in if zone.inside is None and zone.is_inertial]
-    narrowest = min(cones, key=lambda zone: zone.half_angle, default=None)
-    if narrowest is None:
-        return ""
-    shorter = max(float(f"{_NARROW_STEP * (narrowest.half_angle - reserve):.2g}"), _LEAST_STEP)
-    if shorter >= step:
+def _tell_shorter_step(scenario: Scenario, scene: Scene) -> str:
+    """Return text that a narrow keep-in zone was searched in shorter steps, too; empty if none was."""
+    zone = narrow_zone(scenario)
+    if zone is None or scene.attitude_step >= scenario.search.attitude_step:
         return ""
     return (
-        f"lower search.attitude_step_rad (now {step:g}) to {shorter:g}, since keep-in zone "
-        f"{narrowest.name} is narrow, "
+        f" (in steps of {scenario.search.attitude_step:g} rad, and then of {scene.attitude_step:.2g}, as "
+        f"keep-in zone {zone.name} is narrow)"
     )
 
 

@@ -293,6 +293,7 @@ class Shorter:
             if not self._is_worth_trying(goal):
                 continue
             scene = make_scene(self._scenario, goal)
+            scene = replace(scene, attitude_step=self._own_way.scene.attitude_step)
             if find_barrier(scene) is None and find_joint_barrier(scene, range(scene.gimbals.count)) is None:
                 self._candidate_way = _Way(goal, scene)
                 self.need = SearchQuery(scene, replace(self._scenario.search, time_limit=time_limit))

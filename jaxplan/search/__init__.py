@@ -33,7 +33,7 @@ from jaxplan.runtime.garbage import uncollected
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier, narrowest, short_of
 from jaxplan.search.kernel_calls import POOL, Scenes, SearchRun, picked
-from jaxplan.search.scene import Scene, SearchResult, derived_seed, make_scene
+from jaxplan.search.scene import Scene, SearchResult, derived_seed, in_narrow_zones, make_scene, narrow_zone
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
 Method = Callable[[Scenes, Sequence[SearchSettings]], list[SearchResult]]
@@ -157,8 +157,10 @@ __all__ = [
     "derived_seed",
     "find_barrier",
     "find_joint_barrier",
+    "in_narrow_zones",
     "make_scene",
     "most_obstructive",
+    "narrow_zone",
     "narrowest",
     "remove_planner",
     "search_batch",

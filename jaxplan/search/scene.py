@@ -11,7 +11,7 @@ rotation, or the joint's entry of `joint_steps`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,10 +29,15 @@ from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
+from jaxplan.model.zones import KeepIn
 from jaxplan.runtime.display import shown
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
+# Times the half angle of a keep-in zone; in steps of the platform up to that, paths are found in the zone.
+NARROW_STEP = 2.0
+# rad; shorter steps than this ask for more nodes than any search expands.
+LEAST_STEP = 1e-3
 # Steps that nodes keep from joint limits where start and goal allow: a trajectory swings past its nodes.
 JOINT_RESERVE = 0.2
 
@@ -208,6 +213,39 @@ def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None =
         goal_quaternion=turn,
         goal_coordinates=quaternion.log(turn),
     )
+
+
+def narrow_zone(scenario: Scenario) -> KeepIn | None:
+    """Return the keep-in zone that asks for the shortest step, if that is shorter than the settings' step.
+
+    An edge of one step in a zone is seen to stay there only if the zone is wide enough for a bound of how far
+    the edge may swing out. Zones of groups need not hold, and what moves is widened to what it sweeps; None
+    is returned for these.
+    """
+    cones = [
+        zone for zone in scenario.keep_in if zone.inside is None and zone.any_of is None and zone.is_inertial
+    ]
+    narrowest = min(cones, key=lambda zone: zone.half_angle, default=None)
+    if narrowest is None or _step_in(narrowest, scenario) >= scenario.search.attitude_step:
+        return None
+    return narrowest
+
+
+def _step_in(zone: KeepIn, scenario: Scenario) -> float:
+    """Return a step of the platform, rad, that is short enough for a keep-in zone without the tube."""
+    tube = scenario.robust
+    reserve = 0.0 if tube is None else tube.attitude_error + tube.joint_error
+    return max(NARROW_STEP * (float(zone.half_angle) - reserve), LEAST_STEP)
+
+
+def in_narrow_zones(scenario: Scenario, scene: Scene) -> Scene | None:
+    """Return the scene with a step of the platform that is short enough for the narrowest keep-in zone.
+
+    None if its step is short enough already, or if no zone asks for a shorter one.
+    """
+    zone = narrow_zone(scenario)
+    step = math.inf if zone is None else _step_in(zone, scenario)
+    return replace(scene, attitude_step=step) if step < scene.attitude_step else None
 
 
 def derived_seed(seed: int, *key: int) -> int:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, SearchQuery
+from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
+from jaxplan.planner.ladder import BARE_LADDER, LADDER
 from jaxplan.planner.proving import ProofQuery
 from jaxplan.planner.record import Plan
-from jaxplan.planner.steps import GoalQuery, find_goals
+from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
 from jaxplan.search import SearchResult
 from jaxplan.search.astar import make_root, trace
 from jaxplan.trajectory import Fit, FitQuery

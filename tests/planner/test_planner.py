@@ -17,10 +17,11 @@ from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import STRETCHED, Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import rounds
-from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
+from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
+from jaxplan.planner.ladder import LADDER
 from jaxplan.planner.proving import certify
-from jaxplan.planner.steps import GoalQuery, find_goals
+from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.tables import trajectory_table
 from jaxplan.schema import parse_scenario, with_settings
