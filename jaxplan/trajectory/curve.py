@@ -91,27 +91,30 @@ def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
 
 
 def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyArray) -> tuple[AnyArray, ...]:
-    """Rotation, angular velocity, acceleration and, if asked for, jerk in a chart (equations 25 to 29).
+    """Rotation, angular velocity and, if asked for, acceleration and jerk in a chart (equations 25 to 29).
 
     Args:
         rate: (..., 3) rad/s, ``Omega``.
         tau: (..., 1) s since the chart's start.
         b: (..., 3) rad.
-        *derivatives: (..., 3) each: first and second time derivative of ``b`` (rad/s, rad/s^2); with the
-            third (rad/s^3) the jerk is returned, too.
+        *derivatives: (..., 3) each: the first one to three time derivatives of ``b``, rad/s, rad/s^2 and
+            rad/s^3.
 
     Returns:
-        ``gamma`` (..., 3, 3), then angular velocity, acceleration and perhaps jerk, (..., 3) each in rad/s,
-        rad/s^2 and rad/s^3, body axes.
+        ``gamma`` (..., 3, 3), then (..., 3) each as many of angular velocity, acceleration and jerk as
+        derivatives were given, in rad/s, rad/s^2 and rad/s^3, body axes.
     """
     cross = array_module(rate, tau, b).cross
-    eta, (eta_1, eta_2, *eta_3) = b - tau * rate, (derivatives[0] - rate, *derivatives[1:])
+    eta, (eta_1, *others) = b - tau * rate, (derivatives[0] - rate, *derivatives[1:])
     half = so3.exp(tau * rate / 2)  # U
     gamma = half @ so3.exp(eta) @ half
-    tangent, tangent_1 = so3.right_jacobian(eta), so3.right_jacobian_rate(eta, eta_1)  # D, D'
+    tangent = so3.right_jacobian(eta)  # D
     turned = _apply_transposed(gamma, rate) / 2  # gamma^T Omega / 2
     own = _apply_transposed(half, _apply(tangent, eta_1))  # W D eta'
     velocity = turned + rate / 2 + own  # (29), first line
+    if not others:
+        return gamma, velocity
+    (eta_2, *eta_3), tangent_1 = others, so3.right_jacobian_rate(eta, eta_1)  # D'
     # (29), second line, where the second factor Omega / 2 must be a matrix: a cross product
     bend = _apply_transposed(half, _apply(tangent_1, eta_1) + _apply(tangent, eta_2))  # W (D eta')'
     turned_1, own_1 = cross(turned, velocity), cross(own, rate) / 2 + bend
@@ -126,12 +129,12 @@ def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyAr
 
 
 def platform(piece: Piece, t: ArrayLike, order: int = 3) -> tuple[AnyArray, ...]:
-    """Evaluate attitude, angular velocity, angular acceleration and, for order 3, angular jerk on a piece.
+    """Evaluate attitude, angular velocity and, for orders 2 and 3, its first derivatives on a piece.
 
     Args:
         piece: one or several, with leading axes (...).
         t: (...) s.
-        order: 2 without the jerk, 3 with it.
+        order: 1 for the velocity alone, 2 with the acceleration, 3 with the jerk, too.
 
     Returns:
         (..., 3, 3) body to inertial, then (..., 3) each in rad/s, rad/s^2 and rad/s^3, body axes.
@@ -414,7 +417,7 @@ def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None
         return None
     pieces = trajectory.platform_pieces
     first = Piece(**{each.name: getattr(pieces, each.name)[0] for each in fields(Piece)})
-    attitude, velocity, *_ = platform(first, first.start)
+    attitude, velocity = platform(first, first.start, order=1)
     if craft.stages is None:
         _, inertia, velocity, stored = arrays(craft.whole_inertia, velocity, array.stored)
         return attitude @ (inertia @ velocity + stored)
