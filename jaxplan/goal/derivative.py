@@ -257,10 +257,10 @@ def _place_free_devices(
 
 
 def _rest_joints(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:
-    """Return joints (J,) rad for devices without a target.
+    """Return joints (J,) rad at the goal for devices without a target.
 
-    Each is the start's, with its derivative, where the goal has the same value, and the goal's, as a
-    constant, where the device has moved.
+    A joint that is at the goal what it is at the start follows the start's number in derivatives. One that
+    has moved is a constant, as are all where no start is given.
     """
     at_goal = jax.lax.stop_gradient(jnp.asarray(goal.joints, dtype))
     if start_joints is None:

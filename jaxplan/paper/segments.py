@@ -229,18 +229,20 @@ def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
 def assembled(
     attitudes: AnyArray, times: AnyArray, joint_nodes: AnyArray, platform_nodes: AnyArray, *, order: int
 ) -> tuple[AnyArray, ...]:
-    """Compute all numbers of the programs that depend on the nodes, with numpy or JAX as the arguments are.
+    """Compute all numbers of the quadratic programs that depend on the path's nodes, in numpy or JAX.
 
     Args:
-        attitudes: (m + 1, 3, 3) body to inertial.
-        times: (m + 1,) s.
-        joint_nodes: (S, slots) node of each slot of the joints' segments.
-        platform_nodes: (S, slots) likewise of the platform's.
-        order: degree of the basis.
+        attitudes: (m + 1, 3, 3) of the nodes of the path, body to inertial.
+        times: (m + 1,) s, when they are passed.
+        joint_nodes: (S, slots) int, indices of the nodes on each of the S segments of the joints' curve; the
+            last one is repeated on segments with fewer.
+        platform_nodes: (S, slots) int, likewise of the platform's curve.
+        order: degree l of the Legendre polynomials on a segment.
 
     Returns:
-        Values of the basis at the nodes of joints and platform, (S, slots, l + 1) each; ``b`` at the latter,
-        (S, slots, 3) rad; ``Omega`` (S, 3), rad/s; and ``W`` (S, 3, 3) at the end of each segment.
+        Values of the polynomials at the nodes of joints and platform, (S, slots, l + 1) each; and, in the
+        paper's symbols, ``b`` at the platform's nodes, (S, slots, 3) rad; ``Omega`` of each segment's chart,
+        (S, 3) rad/s; and ``W`` (S, 3, 3) at the end of each segment.
     """
     xp = array_module(attitudes, times)
 

@@ -130,12 +130,15 @@ class LeastMotion:
         self.free = np.array(free, int)
 
     def solve(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
-        """Find the nodes of least energy near a first guess.
+        """Find the nodes of a motion of least energy by Gauss-Newton steps from a first guess.
 
         Args:
             times: (K + 1,) s, equidistant, at least three.
-            attitudes: (K + 1, 3, 3), the first guess.
+            attitudes: (K + 1, 3, 3) body to inertial, the first guess.
             rest: (J,) or (K + 1, J) rad, joints of devices without a target.
+
+        Returns:
+            The nodes after the last step, which may still break something: the certificate has the last word.
         """
         nodes = self.first(times, attitudes, rest)
         price = self.price(nodes)

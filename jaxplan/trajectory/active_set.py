@@ -27,9 +27,9 @@ from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import sqp
 from jaxplan.trajectory.binding import ActiveSet, BindingLinear, BindingLoads, BindingMargins
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
+from jaxplan.trajectory.curve_attempts import Attempt, finished
 from jaxplan.trajectory.derivative import gather_inputs
 from jaxplan.trajectory.exact_qp import downward_way, least_change
-from jaxplan.trajectory.ladder import Attempt, finished
 from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.node_times import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.optimality import curve_of, flat, linearised

@@ -111,11 +111,13 @@ def _solve_active_set(
 
 
 def downward_way(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray | None:
-    """The direction away from a saddle along which a quadratic form curves downwards most, on given rows.
+    """Find where a quadratic form curves downwards most among directions that leave some rows as they are.
+
+    At a saddle it leads away from it.
 
     Args:
         hessian: (n, n) of the form.
-        slopes: (r, n) of the rows; their values do not change along the direction.
+        slopes: (r, n) gradients of the rows, to which the direction is perpendicular.
 
     Returns:
         A unit vector (n,), of either sign; None where the form curves upwards along all that the rows leave

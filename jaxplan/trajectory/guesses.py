@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.trajectory.ladder import Attempt, first_curve
+from jaxplan.trajectory.curve_attempts import Attempt, first_curve
 from jaxplan.trajectory.node_times import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, discretise
 from jaxplan.trajectory.splines import Basis

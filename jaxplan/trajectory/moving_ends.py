@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from jaxplan.trajectory import guesses
-from jaxplan.trajectory.ladder import Attempt, Attempts, first_curve
+from jaxplan.trajectory.curve_attempts import Attempt, Attempts, first_curve
 from jaxplan.trajectory.sqp import InitialGuess
 
 _LEAST_TIGHTENING = 1e-4  # of the limits, by which they are taken tighter at least

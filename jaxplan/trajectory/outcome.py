@@ -21,8 +21,8 @@ from jaxplan.model.wheels import MINIMAX, WheelArray, row_names
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.chart import CHART_REACH
 from jaxplan.trajectory.curve import Trajectory, total_momentum
+from jaxplan.trajectory.curve_attempts import Attempt
 from jaxplan.trajectory.fit import Fit, needed_words, too_tight
-from jaxplan.trajectory.ladder import Attempt
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem
 

@@ -23,8 +23,16 @@ from jaxplan.model.status import Status
 from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import guesses, node_times
+from jaxplan.trajectory.curve_attempts import (
+    Attempt,
+    Attempts,
+    Ladder,
+    first_curve,
+    make_attempts,
+    quicker,
+    rungs,
+)
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, checked, fit_each
-from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
 from jaxplan.trajectory.moving_ends import MovingEnds
 from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.outcome import (

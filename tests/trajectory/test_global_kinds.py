@@ -23,8 +23,8 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
 from jaxplan.trajectory import FitQuery, fit_batch
 from jaxplan.trajectory.constraints import MarginBlock, margin_reach, margin_slopes
+from jaxplan.trajectory.curve_attempts import Attempt
 from jaxplan.trajectory.derivative import refit
-from jaxplan.trajectory.ladder import Attempt
 from jaxplan.trajectory.measures import least_margin
 from jaxplan.trajectory.motion import LIMIT
 from jaxplan.trajectory.node_times import FEWEST_NODES, padded

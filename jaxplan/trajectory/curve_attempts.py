@@ -153,10 +153,10 @@ Attempts = dict[int, Attempt | None]
 
 
 def quicker(others: Attempts, attempts: Attempts) -> Attempts:
-    """Select those `others` that are sound and, scaled to the limits, quicker than the attempt they match.
+    """Return those of `others` that are better than the attempt of the same number among `attempts`.
 
-    Attempts match by number. One that is not sound counts as slower than any sound one; one that is missing
-    (None) is not replaced.
+    They are sound, and once their time is scaled until all limits are just kept they take less time, or the
+    other attempt is not sound. A number is left out where either of the two is None.
     """
 
     def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
