@@ -9,9 +9,10 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.trajectory.discretisation import discretise
 from jaxplan.trajectory.motion import Stack
 from jaxplan.trajectory.node_times import edge_turns
-from jaxplan.trajectory.problem import FitProblem, discretise
+from jaxplan.trajectory.problem import FitProblem
 
 
 def problem_of(path: Path, spacecraft: Spacecraft, cones: Constraints) -> FitProblem:

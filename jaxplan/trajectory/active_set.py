@@ -29,11 +29,12 @@ from jaxplan.trajectory.binding import ActiveSet, BindingLinear, BindingLoads, B
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
 from jaxplan.trajectory.curve_attempts import Attempt, finished
 from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.discretisation import DiscreteProblem
 from jaxplan.trajectory.exact_qp import downward_way, least_change
 from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.node_times import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.optimality import curve_of, flat, linearised
-from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
+from jaxplan.trajectory.problem import FitProblem, Mesh
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _PADDING = (64, 16, 16)  # least padded numbers of rows: linear ones, of loads, of margins
@@ -199,9 +200,8 @@ class FitRecord:
     @property
     def _flank(self) -> float:
         """Fraction of the duration that each flank of the trapezoidal pace along the path takes."""
-        profile, asked = self.problem.quickest, self.problem.settings.duration
-        if not isinstance(asked, str):
-            profile = TrapezoidalProfile.within(asked, profile.length, self.problem.rise)
+        asked = self.problem.settings.duration
+        profile = self.problem.quickest if isinstance(asked, str) else self.problem.pace_in(asked)
         return float(profile.flank_share)
 
     @property
@@ -218,7 +218,7 @@ class FitRecord:
         Returns:
             Arrays by the names of attributes of `ActiveSet`; empty where the breaks do not follow the flank.
         """
-        exact = self._exact and self._pace == "paced"
+        exact = self._exact and self.attempt.discrete.mesh.pace == "rest to rest"
         if np.isnan(self.attempt.discrete.mesh.flank) and not exact:
             return {}
         here = self._flank
@@ -238,13 +238,6 @@ class FitRecord:
         else:
             breaks = profile.breaks(intervals)
         return discrete.on_mesh(replace(mesh, basis=Basis.on(breaks), places=places))
-
-    @property
-    def _pace(self) -> str:
-        """How the times of nodes are determined: "given", "steady" or "paced", as in `ActiveSet`."""
-        if self.problem.fractions is not None:
-            return "given"
-        return "steady" if self.problem.at_speed else "paced"
 
     def _on_mesh(self, discrete: DiscreteProblem, rows: Rows) -> dict[str, np.ndarray]:
         """Everything in an active set that depends on a problem's breaks, by the names of its attributes."""
@@ -321,7 +314,7 @@ class FitRecord:
             zones=zones,
             x=self._free(at),
             multipliers=pushes,
-            pace=self._pace,
+            pace=self.attempt.discrete.mesh.pace,
             stretched=self.stretched and not discrete.free_time,
             free_time=discrete.free_time,
         )

@@ -117,8 +117,7 @@ class ActiveSet:
         zones: rows of margins that bind.
         x: (k, A) free coefficients of the optimum on A axes.
         multipliers: (R,) of linear rows, loads and zones, one after the other.
-        pace: when nodes are passed: "paced" by a trapezoid of the rate, "steady" in proportion to the edges'
-            times at full speed, or at "given" places.
+        pace: on what the places of nodes depend, as of `Mesh`.
         stretched: whether the time is scaled to the limits afterwards.
         free_time: whether the shortest duration was looked for.
     """

@@ -13,10 +13,11 @@ import numpy as np
 
 from jaxplan.trajectory import sqp
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.discretisation import DiscreteProblem, Timing, discretise
 from jaxplan.trajectory.motion import TUBE
 from jaxplan.trajectory.node_times import TrapezoidalProfile
 from jaxplan.trajectory.peaks import Peaks, all_peaks, peaks
-from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, Timing, discretise
+from jaxplan.trajectory.problem import FitProblem, Mesh
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 

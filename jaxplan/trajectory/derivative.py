@@ -59,7 +59,7 @@ def gather_inputs(
         The active set with its breaks moved to the pace of the path, and the inputs of `optimality`.
     """
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
-    duration, places, held = _time_nodes_by_pace(held, attitudes, joints, craft, settings)
+    duration, places, held = _time_nodes_by_pace(held, attitudes, joints, craft, settings, rates)
     first, last = attitudes[0], attitudes[-1]
     turn = so3.log(first.T @ last)
     turn = turn * (1 - 2 * jnp.pi * held.long_way / _safe_divisor(length(turn)))
@@ -120,7 +120,12 @@ def gather_inputs(
 
 
 def _time_nodes_by_pace(
-    held: ActiveSet, attitudes: Array, joints: Array, craft: Spacecraft, settings: TrajectorySettings
+    held: ActiveSet,
+    attitudes: Array,
+    joints: Array,
+    craft: Spacecraft,
+    settings: TrajectorySettings,
+    rates: ArrayLike,
 ) -> tuple[Array, Array, ActiveSet]:
     """Determine duration and places of the nodes from the pace along a path, and move the breaks accordingly.
 
@@ -130,6 +135,7 @@ def _time_nodes_by_pace(
         joints: (m + 1, J) rad.
         craft: its limits determine the pace.
         settings: give the duration where that is a number.
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
 
     Returns:
         The duration in s, the places (m + 1,) of the nodes in [0, 1], and the active set on the moved breaks.
@@ -153,6 +159,8 @@ def _time_nodes_by_pace(
     if held.pace == "given":
         places = jnp.asarray(held.places)
     else:
+        if held.pace == "at speed":
+            profile = profile.between(node_times.end_paces(turns, moves, times, rates, jnp.sum(on) - 1))
         places = shares if held.pace == "steady" else profile.places(shares)
     return duration, places, _shift_flank(held, profile.flank_share - held.flank)
 

@@ -19,8 +19,9 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.trajectory.curve_attempts import Attempt, first_curve
+from jaxplan.trajectory.discretisation import DiscreteProblem, discretise
 from jaxplan.trajectory.node_times import FIRST_GUESS, axis_bounds
-from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, discretise
+from jaxplan.trajectory.problem import FitProblem, Mesh
 from jaxplan.trajectory.splines import Basis
 from jaxplan.trajectory.sqp import InitialGuess
 
@@ -62,7 +63,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
     even = np.linspace(0, 1, len(breaks))
     if any(_are_alike(breaks, others) for others in (usual.basis.breaks, even)):
         return None
-    discrete = discretise(problem, _tubeless_mesh(usual.places, Basis.on(breaks)), "shortest")
+    discrete = discretise(problem, _tubeless_mesh(usual, Basis.on(breaks)), "shortest")
     if discrete is None:
         return None
     space, size = discrete.space, discrete.space.basis.size
@@ -110,7 +111,7 @@ def along(problem: FitProblem) -> InitialGuess | None:
     The problem is taken as stiff.
     """
     problem = problem.stiff
-    mesh = _tubeless_mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
+    mesh = _tubeless_mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False), Basis.even(COARSE))
     duration = FIRST_GUESS * problem.quickest.duration
     begin = first_curve(problem, mesh, duration, "shortest")
     return None if begin is None else replace(begin, by_time_to=_COARSE_TIME_TOLERANCE)
@@ -178,12 +179,12 @@ def _move_to_basis(discrete: DiscreteProblem, basis: Basis, problem: FitProblem)
         problem: what is fitted, with the ends and the path that the discrete one has.
     """
     own = replace(discrete, problem=problem)
-    return replace(own.on_mesh(_tubeless_mesh(discrete.mesh.places, basis)), timing="shortest")
+    return replace(own.on_mesh(_tubeless_mesh(discrete.mesh, basis)), timing="shortest")
 
 
-def _tubeless_mesh(places: np.ndarray, basis: Basis) -> Mesh:
-    """Make the mesh of a basis and of nodes at given places, one each, without a tube about these."""
-    return Mesh(places=places, basis=basis, points=_POINTS_PER_INTERVAL, radius=np.inf, flank=np.nan)
+def _tubeless_mesh(mesh: Mesh, basis: Basis) -> Mesh:
+    """Make the mesh of a basis, with nodes at the places of another mesh and without a tube about them."""
+    return replace(mesh, basis=basis, points=_POINTS_PER_INTERVAL, radius=np.inf, flank=np.nan)
 
 
 def _project_curve(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:

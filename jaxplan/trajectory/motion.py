@@ -20,8 +20,8 @@ from jaxplan.model.constraints import axes_in_body, counted, joint_values
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.kinematics import time_factor
 from jaxplan.model.scores import margins_of_scores, scores
+from jaxplan.trajectory.discretisation import DiscreteProblem
 from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded_call
-from jaxplan.trajectory.problem import DiscreteProblem
 
 _MAX_PEAK_RISE = 0.02  # of a limit, the most by which a load is taken to exceed its values at nearest places
 _MIN_CURVATURE = 1e-12  # of a limit, least curvature of a parabola that is divided by

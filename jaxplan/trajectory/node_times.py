@@ -7,12 +7,13 @@ Successive nodes without motion between them count as one.
 
 For the spline fit the *length* of a path is the time in s that its edges take at full speed. The motion along
 it has a trapezoidal profile of the rate (the *pace*), with a rising and a falling *flank*, in which it
-accelerates and brakes; between them it cruises. In a shortest motion the slowest joint moves in just this
+accelerates and brakes; between them it cruises. Where the motion starts or ends with a rate the flank begins
+or ends with as much of it as leads along the path. In a shortest motion the slowest joint moves in just this
 way, so the spline's breaks lie close together near the flanks, and few suffice between them. A *place* is a
 fraction of the duration, from 0 to 1.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -119,6 +120,23 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
     return max_along(xp.concatenate(shares), 0)
 
 
+def end_paces(turns: AnyArray, moves: AnyArray, times: AnyArray, rates: AnyArray, last: AnyArray) -> AnyArray:
+    """Paces (2,) at both ends of a path over that at full speed: how far rates there lead along its edges.
+
+    Args:
+        turns: (m, 3) rad, as of `edge_times`.
+        moves: (m, 2n) rad, likewise.
+        times: (m,) s, of the edges.
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
+        last: index of the last edge; those after it are padding.
+    """
+    xp, turns, moves, times, rates = arrays(turns, moves, times, rates)
+    edges = xp.stack([xp.concatenate([turns[edge], moves[edge]]) for edge in (0, last)])
+    square = xp.sum(edges * edges, axis=1)
+    full = xp.stack([times[0], times[last]])  # s, in which the edge is passed at full speed
+    return full * xp.sum(edges * rates, axis=1) / xp.where(square > 0, square, 1)
+
+
 def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
     """Time in s in which the axis that moves longest reaches its full rate; arguments as of `edge_times`."""
     rate, acceleration, jerk = (axis_bounds(craft, power) for power in (1, 2, 3))
@@ -208,11 +226,13 @@ class TrapezoidalProfile:
         length: of the path, s at full speed.
         duration: s.
         flank: s, duration of each of the two flanks.
+        ends: (2,) rates at both ends over the mean rate, in [0, 1]; None for rest at both.
     """
 
     length: AnyArray
     duration: AnyArray
     flank: AnyArray
+    ends: AnyArray | None = None
 
     @classmethod
     def quickest(cls, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
@@ -243,6 +263,14 @@ class TrapezoidalProfile:
         flank = xp.where(duration > length + rise, xp.minimum(flank, duration - length), flank)
         return cls(length=length, duration=duration, flank=flank)
 
+    def between(self, paces: AnyArray) -> "TrapezoidalProfile":
+        """The profile with rates at its ends that are `paces` (2,) times full speed.
+
+        They are cut to lie between rest and the mean rate: a motion that leads back at an end rests there.
+        """
+        xp, paces, length, duration = arrays(paces, self.length, self.duration)
+        return replace(self, ends=xp.clip(paces * duration / length, 0.0, 1.0))
+
     @property
     def flank_share(self) -> AnyArray:
         """Fraction of the duration that a flank takes, on which alone the methods below depend."""
@@ -251,19 +279,27 @@ class TrapezoidalProfile:
     def progress(self, places: np.ndarray) -> np.ndarray:
         """Fractions of the path that have been passed at places in [0, 1], of the same shape (S,)."""
         flank = self.flank_share
-        speed = 1 / (1 - flank)
-        rising = speed * places**2 / (2 * flank)
-        falling = 1 - speed * (1 - places) ** 2 / (2 * flank)
-        cruising = speed * (places - flank / 2)
+        begin, end = (0.0, 0.0) if self.ends is None else self.ends
+        speed = (1 - flank * (begin + end) / 2) / (1 - flank)
+        rising = begin * places + (speed - begin) * places**2 / (2 * flank)
+        falling = 1 - end * (1 - places) - (speed - end) * (1 - places) ** 2 / (2 * flank)
+        cruising = speed * (places - flank / 2) + begin * flank / 2
         return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
 
     def places(self, shares: AnyArray) -> AnyArray:
         """Places in [0, 1] at which given fractions of the path are passed: the inverse of `progress`."""
         xp, shares, flank = arrays(shares, self.flank_share)
-        speed = 1 / (1 - flank)
-        low = _safe_sqrt(2 * flank * shares / speed)
-        high = 1 - _safe_sqrt(2 * flank * (1 - shares) / speed)
-        middle = shares / speed + flank / 2
+        if self.ends is None:
+            speed = 1 / (1 - flank)
+            low = _safe_sqrt(2 * flank * shares / speed)
+            high = 1 - _safe_sqrt(2 * flank * (1 - shares) / speed)
+            middle = shares / speed + flank / 2
+        else:
+            begin, end = self.ends[0], self.ends[1]
+            speed = (1 - flank * (begin + end) / 2) / (1 - flank)
+            low = _time_to_pass(shares, begin, (speed - begin) / flank)
+            high = 1 - _time_to_pass(1 - shares, end, (speed - end) / flank)
+            middle = (shares - begin * flank / 2) / speed + flank / 2
         return xp.where(low < flank, low, xp.where(high > 1 - flank, high, middle))
 
     def breaks(self, intervals: int) -> np.ndarray:
@@ -278,6 +314,13 @@ class TrapezoidalProfile:
             return np.linspace(0, 1, intervals + 1)
         middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_INTERVALS)
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
+
+
+def _time_to_pass(way: AnyArray, rate: AnyArray, acceleration: AnyArray) -> AnyArray:
+    """Time in which a way is passed that begins at a rate and accelerates; neither is negative."""
+    xp, way, rate = arrays(way, rate)
+    rates = rate + _safe_sqrt(rate * rate + 2 * acceleration * way)
+    return xp.where(rates > 0, 2 * way / xp.where(rates > 0, rates, 1), 0.0)
 
 
 def _safe_sqrt(values: AnyArray) -> AnyArray:

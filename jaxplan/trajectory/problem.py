@@ -1,14 +1,14 @@
-"""The problem of a spline fit: the nodes of a path, what is asked of the curve, and its discretisation.
+"""The problem of a spline fit: the nodes of a path, what is asked of the curve, and meshes for it.
 
-All attempts at a fit share its `FitProblem`. Each works on a `DiscreteProblem`: splines on one mesh, in one
-chart of SO(3), evaluated at finitely many places. A *place* is a fraction of the duration, from 0 to 1. The
-*tube* is a ball about each node, through which the curve has to pass. Letters of sizes are those of `motion`;
-a path has m + 1 nodes, and 2n counts the joint angles (J in `motion`).
+All attempts at a fit share its `FitProblem`; each makes it finite on a mesh (`discretisation`). A *place* is
+a fraction of the duration, from 0 to 1. The *tube* is a ball about each node, through which the curve has to
+pass. Letters of sizes are those of `motion`; a path has m + 1 nodes, and 2n counts the joint angles (J in
+`motion`).
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -20,20 +20,17 @@ from jaxplan.model.duration_bound import duration_bound, rest_bounds
 from jaxplan.model.limits import (
     Limit,
     components,
-    highest_derivative,
     lesser_components,
     timed_limits,
 )
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.scores import room
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import node_times
-from jaxplan.trajectory.chart import CHART_REACH, Chart, farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.kernels import Body
-from jaxplan.trajectory.node_times import TrapezoidalProfile, along
-from jaxplan.trajectory.splines import Basis, CurveSpace
+from jaxplan.trajectory.node_times import TrapezoidalProfile
+from jaxplan.trajectory.splines import Basis
 
 _MIN_INTERVALS = 32  # least number of intervals of a spline; more follow zones more closely, but cost time
 _INTERVALS_PER_NODE = 1.5  # intervals per node that is passed exactly; fewer leave no freedom between nodes
@@ -49,10 +46,6 @@ _BIND_FACTOR = 1.05  # factor on the platform's own least time; if the joints ta
 _LIGHT_RATIO = 1.05  # of the bounds without and with moving parts; up to it these parts are light
 _END_MARGIN_SHARE = 0.5  # fraction of the margin at start or goal that is wanted elsewhere, at most
 
-Timing = Literal["given", "stretched", "shortest"]
-"""How the duration of a curve is determined: "given" by the settings; "stretched" to the limits, after a fit
-that ignores them; "shortest", an unknown of the fit, as short as the limits allow."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
@@ -64,6 +57,8 @@ class Mesh:
         points: number of places on each interval between breaks at which loads and margins are evaluated.
         radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for no tube.
         flank: fraction of the duration that a flank of the pace takes, if breaks lie close there; else NaN.
+        pace: on what the places depend: a trapezoid of the rate from "rest to rest", or with rates at the
+            ends, "at speed"; "steady", in proportion to the edges' times at full speed; or "given".
     """
 
     places: np.ndarray
@@ -71,6 +66,7 @@ class Mesh:
     points: int
     radius: float
     flank: float
+    pace: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,6 +242,12 @@ class FitProblem:
         """Time in s in which the axis that moves longest accelerates to its full rate."""
         return float(node_times.rise_time(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
+    @cached_property
+    def end_paces(self) -> np.ndarray:
+        """(2,) paces along the path at its ends, over that at full speed, from the rates there."""
+        moves = np.diff(self.joints, axis=0)
+        return np.asarray(node_times.end_paces(self.turns, moves, self.times, self.rates, len(moves) - 1))
+
     @property
     def least_length(self) -> float:
         """The least length that a path is taken to have, in s at full speed."""
@@ -255,6 +257,11 @@ class FitProblem:
     def quickest(self) -> TrapezoidalProfile:
         """The trapezoidal pace at full speed along the path, or as fast as a short path allows."""
         return TrapezoidalProfile.quickest(max(float(np.sum(self.times)), self.least_length), self.rise)
+
+    def pace_in(self, duration: float) -> TrapezoidalProfile:
+        """The trapezoidal pace along the path in a given duration, s, with the rates at both ends."""
+        profile = TrapezoidalProfile.within(duration, self.quickest.length, self.rise)
+        return profile.between(self.end_paces) if self.at_speed else profile
 
     def mesh(self, profile: TrapezoidalProfile, radius: float, finer: int, *, graded: bool) -> Mesh:
         """Make the mesh for a pace along the path.
@@ -267,11 +274,13 @@ class FitProblem:
                 effect if nodes are passed exactly or the motion starts or ends with a rate.
         """
         count = len(self.attitudes) - 1
-        if self.fractions is not None:
-            places = self.fractions
-        else:
-            shares = node_times.node_fractions(self.times)
-            places = shares if self.at_speed else profile.places(shares)
+        places, pace = self.fractions, "given"
+        if places is None:
+            places, pace = node_times.node_fractions(self.times), "steady"
+            if not self.at_speed:
+                places, pace = profile.places(places), "rest to rest"
+            elif profile.ends is not None and radius > 0:
+                places, pace = profile.places(places), "at speed"
         each = _INTERVALS_PER_TUBE_NODE if np.isfinite(radius) else 0.0
         if radius == 0:
             each = _INTERVALS_PER_NODE
@@ -284,7 +293,7 @@ class FitProblem:
         else:
             basis = Basis.even(intervals)
         points = _POINTS_PER_INTERVAL if intervals < _MANY_INTERVALS else _POINTS_PER_SHORT_INTERVAL
-        return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank)
+        return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank, pace=pace)
 
 
 def tube_radius(settings: TrajectorySettings) -> Any:
@@ -305,159 +314,3 @@ def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
     xp, least, most = arrays(left, room(cones))
     # The room matters for rows of an entry that need not hold, since another entry holds at both ends.
     return xp.minimum(xp.minimum(_CLEARANCE, most), _END_MARGIN_SHARE * xp.maximum(least, 0))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DiscreteProblem:
-    """A fit in finitely many numbers: splines in a chart, evaluated at finitely many places.
-
-    Attributes:
-        problem: what is fitted.
-        mesh: breaks of the splines, and the tube about the nodes.
-        chart: of the platform's motion.
-        nodes: (m + 1, A) rad, chart coordinates ``b`` and joint angles of the nodes.
-        share: fraction of the limits on the platform's loads that may be used; the joints' may be used in
-            full, since they are kept at every instant and not only at the places.
-        timing: see `Timing`.
-        space: the curves to choose from, with n spline coefficients on each of A axes.
-        places: (S,) in [0, 1], where loads and margins are evaluated.
-        rows: (4, S, n) values of the splines, and of their first three derivatives, at the places.
-        tube_rows: (M, n) values of the splines at M nodes with a tube, padded with zeros so that more
-            problems are alike; M is 0 where there is no tube.
-        tube_values: (M, A) rad, these nodes, padded likewise.
-        tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
-        freed: whether the duration asked for is given, and is made free only until the limits are kept.
-        to_the_end: whether a search goes on to the optimum, however little is to be gained.
-    """
-
-    problem: FitProblem
-    mesh: Mesh
-    chart: Chart
-    nodes: np.ndarray
-    share: float
-    timing: Timing
-    space: CurveSpace
-    places: np.ndarray
-    rows: np.ndarray
-    tube_rows: np.ndarray
-    tube_values: np.ndarray
-    tube_radius: np.ndarray
-    freed: bool = False
-    to_the_end: bool = False
-
-    @property
-    def limited(self) -> bool:
-        """Whether the fit itself has to keep limits of rates and loads."""
-        return self.timing != "stretched"
-
-    @property
-    def free_time(self) -> bool:
-        """Whether the duration is an unknown of the fit."""
-        return self.timing == "shortest"
-
-    @property
-    def hastens(self) -> bool:
-        """Whether a search for a shortest motion from rest to rest may end once little is left to gain."""
-        return self.free_time and not self.freed and not self.to_the_end and not self.problem.at_speed
-
-    @property
-    def kind(self) -> tuple[Any, ...]:
-        """Key of sizes and choices; only problems with equal keys can be put into one stack."""
-        problem = self.problem
-        return (
-            self.rows.shape,
-            self.space.free.shape,
-            self.tube_rows.shape,
-            problem.cones.bound.shape,
-            problem.joints.shape[1],
-            len(problem.spacecraft.drives),
-            problem.names,
-            problem.wheel_rows,
-            None if problem.body.stages is None else problem.body.stages.turned,
-            bool(problem.cones.paths),
-            problem.cones.inner,
-            len(problem.cones.carried),
-            problem.at_speed,
-            self.timing,
-            self.hastens,
-        )
-
-    def nearest(self, duration: float) -> np.ndarray:
-        """Coefficients (n, A) of the slightly smoothed curve nearest to the path, for a duration (s)."""
-        space, rows = self.space, self.rows[0]
-        wanted = along(self.nodes, self.mesh.places, self.places)
-        start = space.fixed + duration * space.by_time
-        design = rows @ space.free
-        bending = space.free.T @ space.energies[3] @ space.free
-        weight = _SMOOTHING_WEIGHT * len(bending) / np.trace(bending)
-        pull = design.T @ (wanted - rows @ start) - weight * (space.free.T @ (space.energies[3] @ start))
-        return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
-
-    def on_mesh(self, mesh: Mesh) -> "DiscreteProblem":
-        """The same problem on another mesh, in the same chart."""
-        nodes = self.problem.attitudes, self.problem.turns, mesh.places
-        return _discretise_in_chart(
-            self.problem, mesh, self.timing, self.share, self.chart, self.chart.coordinates(*nodes)
-        )
-
-
-def discretise(
-    problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0
-) -> DiscreteProblem | None:
-    """Make the discrete problem that an attempt works on.
-
-    Args:
-        problem: what is fitted.
-        mesh: breaks of the spline, places of the nodes, and the tube about them.
-        timing: how the duration is determined.
-        share: fraction of the limits on the platform's loads that may be used.
-
-    Returns:
-        The problem in the chart in which nodes lie nearest to a steady turn; None if one is beyond
-        `CHART_REACH`.
-    """
-    chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
-    if not farthest(chart, b, mesh.places) <= CHART_REACH:
-        return None
-    return _discretise_in_chart(problem, mesh, timing, share, chart, b)
-
-
-def _discretise_in_chart(
-    problem: FitProblem, mesh: Mesh, timing: Timing, share: float, chart: Chart, b: np.ndarray
-) -> DiscreteProblem:
-    """Make the discrete problem in a chart in which the nodes have coordinates ``b`` (m + 1, 3), rad."""
-    nodes, rates = np.column_stack([b, problem.joints]), problem.rates
-    if np.any(rates[1, :3]):  # at the goal the chart has turned
-        rates = rates.copy()
-        rates[1, :3] = chart.end_turn @ rates[1, :3]
-    inner, nobody = slice(1, -1), slice(0, 0)
-    exact = inner if mesh.radius == 0 else nobody
-    in_tube = inner if 0 < mesh.radius < np.inf else nobody
-    radius = np.full(nodes.shape[1], mesh.radius)
-    radius[:3] /= np.sqrt(3.0)  # an error of b bounds that of the attitude
-    count, (size, axes) = len(nodes[in_tube]), (mesh.basis.size, nodes.shape[1])
-    tube_rows, tube_values = (
-        np.zeros((padded_count(count, _MIN_TUBE_NODES), width)) for width in (size, axes)
-    )
-    if count:
-        tube_rows[:count] = mesh.basis.rows(mesh.places[in_tube], 1)[0]
-        tube_values[:count] = nodes[in_tube]
-    # At an end at rest without acceleration only loads that depend on the jerk may have their peak.
-    to_end = highest_derivative(problem.names) > 2 or not problem.rests
-    places, rows = mesh.basis.within(mesh.points, to_end=to_end)
-    return DiscreteProblem(
-        problem=problem,
-        mesh=mesh,
-        chart=chart,
-        nodes=nodes,
-        share=share,
-        timing=timing,
-        space=CurveSpace.of(
-            mesh.basis, nodes[[0, -1]], rates, problem.rests, mesh.places[exact], nodes[exact]
-        ),
-        places=places,
-        rows=rows,
-        tube_rows=tube_rows,
-        tube_values=tube_values,
-        tube_radius=radius,
-    )

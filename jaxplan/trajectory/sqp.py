@@ -21,8 +21,8 @@ import numpy as np
 
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
+from jaxplan.trajectory.discretisation import DiscreteProblem
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, members_of, mixed
-from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.splines import weighted
 from jaxplan.trajectory.step_programs import Multipliers, QPSolution, QuadraticProgram, decrease_bound, solve
 

@@ -32,9 +32,10 @@ from jaxplan.trajectory.curve_attempts import (
     quicker,
     rungs,
 )
+from jaxplan.trajectory.discretisation import Timing
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, checked, fit_each
 from jaxplan.trajectory.moving_ends import MovingEnds
-from jaxplan.trajectory.node_times import FIRST_GUESS, TrapezoidalProfile
+from jaxplan.trajectory.node_times import FIRST_GUESS
 from jaxplan.trajectory.outcome import (
     better,
     beyond_charts,
@@ -44,7 +45,7 @@ from jaxplan.trajectory.outcome import (
     success,
 )
 from jaxplan.trajectory.peaks import SAFETY
-from jaxplan.trajectory.problem import FitProblem, Timing
+from jaxplan.trajectory.problem import FitProblem
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
@@ -233,7 +234,7 @@ class Strategy:
             hurry = durations[n] / problem.quickest.duration
             ladders[n] = Ladder(
                 problem=problem,
-                profile=TrapezoidalProfile.within(durations[n], problem.quickest.length, problem.rise),
+                profile=problem.pace_in(durations[n]),
                 rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= _HURRY_RATIO),
                 duration=durations[n],
                 timing="given",

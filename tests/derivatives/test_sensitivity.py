@@ -157,6 +157,32 @@ def test_a_motion_that_comes_back_to_where_it_starts_is_followed():
 
 
 @pytest.mark.slow
+def test_slopes_of_a_motion_between_rates_in_a_given_time_are_differences_of_plans_made_anew():
+    case = jp.paper_case(2)
+    rates = {"angular_velocity": np.array([0.001, -0.002, 0.003]), "joint_rates": np.full(6, 0.002)}
+    scenario = replace(
+        case,
+        start=replace(case.start, **rates),
+        trajectory=jp.TrajectorySettings(duration=70.0, optimal=True),
+    )
+    plan = jp.plan(scenario, progress=False)
+    trajectory = jp.differentiable(plan)
+    with jax.enable_x64(True):
+        slope = jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)(plan.scenario)
+    ways = {"angular_velocity": np.array([0.3, -0.5, 0.8]), "joint_rates": np.linspace(-1.0, 1.0, 6)}
+    told = 20.0 * slope.trajectory.duration + sum(
+        np.sum(getattr(slope.start, name) * way) for name, way in ways.items()
+    )
+
+    def effort(step):
+        start = replace(case.start, **{name: rates[name] + step * way for name, way in ways.items()})
+        settings = replace(scenario.trajectory, duration=70.0 + 20.0 * step)
+        return float(jp.measures.effort(jp.follow(plan, replace(scenario, start=start, trajectory=settings))))
+
+    assert told == pytest.approx((effort(1e-5) - effort(-1e-5)) / 2e-5, rel=1e-6)
+
+
+@pytest.mark.slow
 def test_what_has_no_derivative_is_refused_with_a_reason():
     scenario = make_scenario(1)
     shortest = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))

@@ -280,9 +280,28 @@ def test_a_nan_gives_nan_and_never_an_answer(part):
     assert not answer.residual <= 1e-6
 
 
+PACES_AT_ENDS = [(0.0, 0.0), (1e-3, 0.0), (0.0, 1e-3), (5e-4, 1e-12), (-0.2, 5.0), (5.0, 5.0)]
+
+
+@pytest.mark.parametrize("paces", PACES_AT_ENDS)
+def test_a_pace_with_rates_at_its_ends_has_these_there_as_far_as_they_lead_ahead_and_are_no_quicker(paces):
+    calm = TrapezoidalProfile.within(80.0, 20.0, 1.5)
+    profile, step = calm.between(np.array(paces)), 1e-6
+    gone = profile.progress(np.array([0.0, step, 1 - step, 1.0]))
+    at_ends = np.array([gone[1] - gone[0], gone[3] - gone[2]]) / step  # over the mean rate
+    wanted = np.clip(np.array(paces) * profile.duration / profile.length, 0.0, 1.0)
+    np.testing.assert_allclose(at_ends, wanted, atol=1e-4)
+    if not np.any(wanted):
+        np.testing.assert_allclose(profile.places(DENSE), calm.places(DENSE), atol=1e-14)
+
+
 @pytest.mark.parametrize(("length", "rise"), [(20.0, 1.5), (0.4, 1.5), (1.5, 1.5)])
 def test_a_pace_is_gone_and_inverted(length, rise):
-    for profile in (TrapezoidalProfile.quickest(length, rise), TrapezoidalProfile.within(80.0, length, rise)):
+    for profile in (
+        TrapezoidalProfile.quickest(length, rise),
+        TrapezoidalProfile.within(80.0, length, rise),
+        *(TrapezoidalProfile.within(80.0, length, rise).between(np.array(ends)) for ends in PACES_AT_ENDS),
+    ):
         gone = profile.progress(DENSE)
         assert_each(np.diff(gone), ">=", 0)
         np.testing.assert_allclose(gone[[0, -1]], [0, 1], atol=1e-12)

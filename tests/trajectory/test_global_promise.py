@@ -10,7 +10,7 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.steps import wanted_fit
-from jaxplan.trajectory import fit_batch, ladder, sqp
+from jaxplan.trajectory import curve_attempts, fit_batch, sqp
 from jaxplan.trajectory.step_programs import decrease_bound, solve
 
 
@@ -25,7 +25,8 @@ def searches():
             queries.append(wanted_fit(replace(plan.scenario, trajectory=settings), plan.path, plan.goal))
     begins, improve = [], sqp.improve
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ladder.sqp, "improve", lambda several: begins.extend(several) or improve(several))
+        noted = lambda several: begins.extend(several) or improve(several)  # noqa: E731
+        patch.setattr(curve_attempts.sqp, "improve", noted)
         fit_batch(queries)
     given = [begin for begin in begins if not begin.discrete.free_time]
     alike = {}

@@ -119,3 +119,15 @@ def test_reserves_that_leave_too_little_torque_are_named():
     scene = replace(turning(0.02, "minimum"), robust=jp.Robust(torque_reserve=80.0))
     plan = jp.plan(scene, throw=False, progress=False)
     assert "or lower [robust] torque_reserve_percent = 80, which is taken off that limit" in plan.message
+
+
+@pytest.mark.parametrize("duration", [60.0, 80.0])
+def test_a_motion_in_a_given_time_with_small_rates_at_its_ends_is_like_that_from_rest_to_rest(duration):
+    settings = jp.TrajectorySettings(duration=duration)
+    scene = replace(jp.paper_case(1), keep_out=(), trajectory=settings)
+    efforts = []
+    for rate in (0.0, 1e-9, 1e-4, -1e-4):
+        start = replace(scene.start, angular_velocity=[0.0, 0.0, rate], joint_rates=np.full(6, rate))
+        efforts.append(float(jp.measures.effort(jp.plan(replace(scene, start=start), progress=False))))
+    assert efforts[1] == pytest.approx(efforts[0], rel=1e-6)
+    np.testing.assert_allclose(efforts, efforts[0], rtol=0.02)

@@ -12,7 +12,7 @@ from reference import assert_each
 import jaxplan as jp
 from jaxplan.model.tabulation import tabulate
 from jaxplan.planner.steps import wanted_fit
-from jaxplan.trajectory import fit_batch, ladder, sqp
+from jaxplan.trajectory import curve_attempts, fit_batch, sqp
 from jaxplan.trajectory.gram import gram, times
 from jaxplan.trajectory.interior_point import ROUGHLY, BoxQP, solve_box_qps
 
@@ -37,7 +37,7 @@ def searched(query):
         return found
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ladder.sqp, "improve", counted)
+        patch.setattr(curve_attempts.sqp, "improve", counted)
         (fit,) = fit_batch([query])
     return fit, sum(steps)
 
@@ -103,7 +103,7 @@ def test_loads_between_places_are_kept_nearly_without_slowing_down(asked):
         return found
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ladder.sqp, "improve", kept)
+        patch.setattr(curve_attempts.sqp, "improve", kept)
         (fit,) = fit_batch([asked])
     last = solutions[-1]
     assert last.duration <= fit.trajectory.duration <= (1 + 5e-4) * last.duration
