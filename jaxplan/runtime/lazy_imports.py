@@ -23,8 +23,9 @@ def late(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
     def load(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        module, _, within = homes[name].partition(":")
         with uncollected():
-            value = resolve_name(homes[name])
+            value = resolve_name(f"{module}:{within}")  # without a colon it hides errors of the import
         setattr(sys.modules[package], name, value)
         return value
 
