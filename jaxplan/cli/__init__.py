@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import Any
 
 from jaxplan.cli.common import BAD_INPUT, DONE, Parser, complain, plain_warnings, report_refused_kernels
+from jaxplan.cli.streams import Outlet, outlets
 from jaxplan.runtime.garbage import end_without_collection, seldom_collected
 from jaxplan.runtime.progress import seldom_lines
 from jaxplan.version import __version__
@@ -48,28 +49,35 @@ _TIMELINE_HELP = "a timeline's file, or case-day or case-imaging, which come wit
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command of the command line; returns the exit code.
 
-    Bad input, OS errors and Ctrl-C (exit code 130) are reported on stderr instead of raised.
+    Bad input, OS errors and Ctrl-C (exit code 130) are reported on stderr instead of raised. Where nobody
+    reads the output any more, the work is done all the same.
 
     Args:
         arguments: what follows ``jaxplan`` on the command line; None for those of the process.
     """
     if arguments is None:  # then the process ends with this command
         end_without_collection()
+    with outlets() as out:
+        return _run(arguments, out)
+
+
+def _run(arguments: Sequence[str] | None, out: Outlet) -> int:
+    """Run a command, and report its errors; `out` is stdout. See `main`."""
     parser = _make_parser()
     options = parser.parse_args(arguments)
     try:
         with seldom_collected(), seldom_lines(), plain_warnings():
             code = _run_command(parser, options)
-        sys.stdout.flush()  # so that an error, such as a full disk, is still reported
+        out.flush()  # so that an error, such as a full disk, is still reported
         report_refused_kernels()
         return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
-    except BrokenPipeError:  # the reader of stdout has ended
-        _drop_output()
-        return DONE
     except OSError as error:
-        _drop_output()
+        try:
+            out.flush()
+        except OSError:  # so that Python does not complain at exit, too
+            out.drop()
         place = "" if error.filename is None else f"{os.fspath(error.filename)}: "
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
     except ValueError as error:  # ScenarioError and PlanFileError are subclasses
@@ -86,14 +94,6 @@ def _run_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -
         return DONE
     parser.print_help(sys.stderr)
     return BAD_INPUT
-
-
-def _drop_output() -> None:
-    """Send stdout to the null device if it cannot be written, so that Python does not complain at exit."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _make_parser() -> argparse.ArgumentParser:
