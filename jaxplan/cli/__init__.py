@@ -43,6 +43,7 @@ _COMMAND_MODULES = {
 _PLAN_HELP = "a plan.json, as jaxplan plan -o DIR writes it"
 _ANY_PLAN_HELP = f"{_PLAN_HELP}, or a plan.npz of jaxplan timeline"
 _SCENE_HELP = "a scenario file, or case-1 to case-4 of the paper"
+_FORCE_HELP = "replace what is there, unless it is a plan or scene"
 _TIMELINE_HELP = "a timeline's file, or case-day or case-imaging, which come with the package"
 
 
@@ -171,7 +172,7 @@ def _add_scene_commands(commands: Any) -> None:
         help="copy a case of the paper instead, case-1 to case-4, or a timeline, case-day or case-imaging",
     )
     new.add_argument("--timeline", action="store_true", help="write a timeline's file instead")
-    new.add_argument("--force", action="store_true", help="replace a file that is there")
+    new.add_argument("--force", action="store_true", help="replace what is there, unless it is a plan")
     validate = commands.add_parser(
         "validate",
         help="say what is wrong with scenario files",
@@ -259,7 +260,7 @@ def _add_plan_commands(commands: Any) -> None:
     view.add_argument(
         "-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .view.html"
     )
-    view.add_argument("--force", action="store_true", help="replace a file that is there")
+    view.add_argument("--force", action="store_true", help=_FORCE_HELP)
     for each in (check, report, view, export):
         each.add_argument("plan", metavar="PLAN", help=_ANY_PLAN_HELP)
     plot.add_argument("plan", metavar="FILE", help=f"{_ANY_PLAN_HELP}; or {_SCENE_HELP}")
@@ -307,7 +308,7 @@ def _add_plan_commands(commands: Any) -> None:
             ),
         )
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
-    report.add_argument("--force", action="store_true", help="replace a file that is there")
+    report.add_argument("--force", action="store_true", help=_FORCE_HELP)
     report.add_argument("--view", action="store_true", help="with the plan in space, to turn and play")
     export.add_argument(
         "--format",
@@ -344,7 +345,7 @@ def _add_plan_commands(commands: Any) -> None:
         "--observer", metavar="SCENE", help="of czml: a file whose [sky] has the spacecraft's orbit"
     )
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
-    export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
+    export.add_argument("--force", action="store_true", help=_FORCE_HELP)
 
 
 def _add_timeline(commands: Any) -> None:

@@ -34,10 +34,11 @@ def writable_folder(name: str) -> Path:
         The folder's path.
 
     Raises:
-        ValueError: if the name is empty or that of a file, or nothing can be written there.
+        ValueError: if the name is empty, ``-`` or that of a file, or nothing can be written there.
     """
     if not name:
         raise ValueError("DIR of -o is empty, it must name a folder")
+    refuse_stdout(name)
     folder = Path(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -50,9 +51,30 @@ def writable_folder(name: str) -> Path:
         raise ValueError(f"{name}: nothing can be written there: {error.strerror}") from error
 
 
-def try_folder_of(path: str | Path) -> None:
-    """Make the folder that a file is to be in, and check that it is writable, see `writable_folder`."""
-    writable_folder(str(Path(path).parent))
+def writable_file(name: str | Path, *inputs: str | None) -> None:
+    """Make the folder that a file is to be in, and check that the file can be written there.
+
+    Args:
+        name: path of the file; an existing one passes.
+        *inputs: files that the command reads, or names of cases; None for one that is not given.
+
+    Raises:
+        ValueError: if the name is ``-``, or that of one of these files, or nothing can be written there.
+    """
+    refuse_stdout(str(name))
+    path = Path(name)
+    for given in inputs:
+        if given is not None and path.exists() and Path(given).exists() and path.samefile(given):
+            raise ValueError(f"-o {name}: is what this command reads, take another name")
+    writable_folder(str(path.parent))
+
+
+def refuse_stdout(name: str) -> None:
+    """Raise a ValueError for ``-``, which many programs take for stdout."""
+    if name == "-":
+        raise ValueError(
+            "-o -: must be a name, since only jaxplan new writes a file to stdout; ./- is a name"
+        )
 
 
 def print_result(result: Any) -> None:

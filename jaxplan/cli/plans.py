@@ -23,7 +23,7 @@ from jaxplan.cli.common import (
     save,
     say,
     set_up_jax,
-    try_folder_of,
+    writable_file,
     writable_folder,
 )
 from jaxplan.cli.scenes import first_character, is_scenario, load_scene
@@ -31,11 +31,13 @@ from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.clock import expect_shortest
 from jaxplan.planner.record import report_summary
+from jaxplan.runtime.files import Source, expect_replaceable
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import find_observer, load_observer
 from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
+_PLAN_FILE = "plan.json"  # name of the file that is written to a folder
 _TABLE_SUFFIXES = (".aem", ".a", ".bc", ".csv")  # suffixes of files that are tables of attitudes and no plans
 
 
@@ -43,12 +45,14 @@ def plan(options: argparse.Namespace) -> int:
     """Plan a scenario and print the result; with ``-o``, write plan and figures to a folder."""
     scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
+    if folder is not None:
+        expect_replaceable(folder / _PLAN_FILE, Source.PLAN)
     asked = f"--improve-for {options.improve_for:g}"
     expect_shortest(asked, options.improve_for, scenario, options.scenario)
     result = planner.plan(scenario, throw=False, improve_for_s=options.improve_for)
     print_result(result.summary() if options.json else result)
     if folder is not None:
-        file = folder / "plan.json"
+        file = folder / _PLAN_FILE
         planner.save_plan(result, file)
         say(f"wrote {file}")
         draw(result, folder, observer=find_observer(timelines.file_of(options.scenario)))
@@ -144,7 +148,7 @@ def report(options: argparse.Namespace) -> int:
     plan = _load_any_plan(options.plan)
     observer = _read_observer(options, plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
-    try_folder_of(path)
+    writable_file(path, options.plan, options.observer)
     if isinstance(plan, TimelinePlan) and plan.ok:  # other pages do so themselves
         plan = replace(plan, certificate=_recertify(plan))
     more = {"frequencies": options.frequency, "viewer": options.view, "observer": observer}
@@ -161,14 +165,14 @@ def view(options: argparse.Namespace) -> int:
     from jaxplan.viewing import view as make_view
 
     plan = _load_any_plan(options.plan)
-    path = Path(options.plan).with_suffix(".view.html") if options.out is None else Path(options.out)
+    path = Path(options.plan).with_suffix(".view.html") if options.out is None else options.out
     if plan.trajectory is None:
         from jaxplan.exporting import ending
 
         return complain(f"{options.plan}: {ending(plan)}", _exit_code(plan))
+    writable_file(path, options.plan)
     with progress_bar("drawing the page"):
         shown = make_view(plan)
-    try_folder_of(path)
     say(f"wrote {shown.save(path, overwrite=options.force)}: open it in a browser, ? lists its keys")
     return _exit_code(plan)
 
@@ -184,7 +188,7 @@ def export(options: argparse.Namespace) -> int:
     of_timeline = isinstance(plan, TimelinePlan)
     beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is taken
     path = exporting.default_path(beside, options.format) if options.out is None else options.out
-    try_folder_of(path)
+    writable_file(path, options.plan, options.observer)
     given = {each.name: getattr(options, each.name) for each in fields(ExportNames)}
     try:
         written = exporting.export(
@@ -268,7 +272,7 @@ def load_plan_file(name: str) -> Plan:
             f"plan {shlex.quote(name)} -o out"
         )
     if Path(name).is_dir():
-        inside = Path(name) / "plan.json"
+        inside = Path(name) / _PLAN_FILE
         advice = f"perhaps {inside} is meant" if inside.is_file() else "name a plan.json in it"
         raise ValueError(f"{name}: is a folder, {advice}")
     if not Path(name).exists():

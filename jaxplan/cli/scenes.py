@@ -13,14 +13,14 @@ from typing import Any
 
 from jaxplan.cases import CASE_NAMES, TIMELINE_NAMES, case_path
 from jaxplan.cli import timelines
-from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, print_result, say, set_up_jax, try_folder_of
+from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, print_result, say, set_up_jax, writable_file
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
 from jaxplan.planner.validity import contradictions, start_breaches
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import Source, expect_replaceable, replacing_file
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.faults import plural
@@ -51,14 +51,15 @@ def new(options: argparse.Namespace) -> int:
     if options.file != "-":
         if not options.file or options.file.endswith(os.sep) or file.is_dir():
             raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
+        expect_replaceable(file, Source.SCENE)
         if file.exists() and not options.force:
             raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
-        try_folder_of(file)
+        writable_file(options.file)
     text = _text_from_answers(file) if options.ask else _source_text(options.source, options.timeline)
     if options.file == "-":
         print(text, end="")
         return DONE
-    with replacing_file(file) as fresh:
+    with replacing_file(file, kind=Source.SCENE) as fresh:
         fresh.write_text(text, encoding="utf-8")
     command = "timeline" if options.timeline or options.source in TIMELINE_NAMES else "plan"
     if options.ask:

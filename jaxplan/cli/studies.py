@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.cli.common import DONE, complain, print_result, save, say, set_up_jax, writable_folder
+from jaxplan.cli.common import (
+    DONE,
+    complain,
+    print_result,
+    refuse_stdout,
+    save,
+    say,
+    set_up_jax,
+    writable_folder,
+)
 from jaxplan.cli.scenes import load_scene
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.display import in_columns
@@ -25,6 +34,8 @@ def study(options: argparse.Namespace) -> int:
     """Plan many scenes, random ones or files of a folder, and print a summary; or report on studies."""
     if options.report is not None:
         return _report_studies(options)
+    if options.out is not None:
+        refuse_stdout(options.out)
     settings = dict(map(_parse_setting, options.set or ()))
     set_up_jax()
     workers = None if options.workers in (None, 1) else options.workers

@@ -21,14 +21,12 @@ from jaxplan.cli.common import (
 from jaxplan.model.activities import Timeline
 from jaxplan.model.status import Status
 from jaxplan.planner.record import report_summary
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import Source, expect_replaceable, is_day_plan, replacing_file
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import find_observer, load_timeline, save_timeline
 from jaxplan.schema.text import LARGEST_TIMELINE, parse
 from jaxplan.schema.timelines import KIND
-from jaxplan.sky import Satellite
 from jaxplan.timeline import TimelinePlan, load_timeline_plan
-from jaxplan.timeline.files import is_plan
 from jaxplan.timeline.tables import activities_csv, events_csv, interruptions_csv, segments_csv
 
 PLAN, TIMELINE = "plan.npz", "timeline.toml"  # names of the files that are written to a folder
@@ -51,11 +49,14 @@ def timeline(options: argparse.Namespace) -> int:
         raise ValueError("--export needs -o DIR, where the files go")
     _expect_exports(asked, formats)
     folder = None if options.out is None else writable_folder(options.out)
+    if folder is not None:
+        expect_replaceable(folder / PLAN, Source.DAY_PLAN)
+        expect_replaceable(folder / TIMELINE, Source.SCENE)
     plan = plan_timeline(asked, throw=False, go_on=options.go_on)
     print_result(plan.summary() if options.json else plan)
     code = _exit_code(plan)
     if folder is not None:
-        _write_results(plan, folder, find_observer(file_of(options.timeline)))
+        _write_results(plan, folder, file_of(options.timeline))
         for name in formats if plan.ok else ():
             say(f"wrote {export(plan, _export_path(folder, name), format=name, overwrite=True)}")
         kept = formats if plan.ok else ()
@@ -85,16 +86,25 @@ def file_of(name: str) -> str:
     return str(case_path(name)) if name in (*CASE_NAMES, *TIMELINE_NAMES) else name
 
 
-def _write_results(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None:
-    """Write timeline, plan, tables and figures to a folder, and say so on stderr."""
-    save_timeline(plan.timeline, folder / TIMELINE)
+def _write_results(plan: TimelinePlan, folder: Path, source: str) -> None:
+    """Write timeline, plan, tables and figures to a folder, and say so on stderr.
+
+    Args:
+        plan: what was made of the timeline.
+        folder: an existing folder.
+        source: the timeline's file. If it is the one that would be written, it stays as the user wrote it.
+    """
+    names = [PLAN, *_TABLE_WRITERS]
+    if not ((folder / TIMELINE).exists() and (folder / TIMELINE).samefile(source)):
+        save_timeline(plan.timeline, folder / TIMELINE)
+        names.insert(0, TIMELINE)
     plan.save(folder / PLAN)
     for name, table in _TABLE_WRITERS.items():
         with replacing_file(folder / name) as fresh:
             fresh.write_text(table(plan), encoding="utf-8")
-    for name in (TIMELINE, PLAN, *_TABLE_WRITERS):
+    for name in names:
         say(f"wrote {folder / name}")
-    draw(plan, folder, observer=observer)
+    draw(plan, folder, observer=find_observer(source))
 
 
 def _export_path(folder: Path, name: str) -> Path:
@@ -172,7 +182,7 @@ def _read_toml(name: str) -> dict[str, Any]:
 
 def is_timeline_plan(name: str) -> bool:
     """Tell whether a file holds a plan that `TimelinePlan.save` wrote."""
-    return Path(name).is_file() and is_plan(name)
+    return Path(name).is_file() and is_day_plan(name)
 
 
 def load_plan(name: str) -> TimelinePlan:

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from jaxplan.constellation.orders import COLUMNS, CRASHED, Planned
+from jaxplan.runtime.files import is_day_plan
 from jaxplan.study.folder import Head, StudyFolderError, force, open_file, refuse_constant
 from jaxplan.timeline import TimelinePlan, load_timeline_plan
-from jaxplan.timeline.files import is_plan
 
 Row = dict[str, Any]
 
@@ -127,7 +127,7 @@ class FleetFolder:
             return None
         if not all(row[name] is None or type(row[name]) is kind for name, kind in COLUMNS.items()):
             return None
-        there = row["status"] == CRASHED or is_plan(self.place(satellite))
+        there = row["status"] == CRASHED or is_day_plan(self.place(satellite))
         return {name: row[name] for name in COLUMNS} if there else None
 
     def planned(self) -> list[int]:

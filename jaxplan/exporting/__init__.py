@@ -10,7 +10,7 @@ says otherwise.
 """
 
 from jaxplan.exporting.flight import Day, DaySegment, UncertifiedError, ending
-from jaxplan.exporting.formats import FORMATS, default_path, export, free_place, needed_by
+from jaxplan.exporting.formats import FORMATS, default_path, export, needed_by
 from jaxplan.exporting.table_proof import SPARSEST
 
 __all__ = [
@@ -22,6 +22,5 @@ __all__ = [
     "default_path",
     "ending",
     "export",
-    "free_place",
     "needed_by",
 ]

@@ -1,6 +1,5 @@
 """Export to all formats: check the arguments, certify the motion, and write all or nothing."""
 
-import errno
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from jaxplan.model.epochs import parse_epoch
 from jaxplan.model.export_names import ExportNames
 from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import expect, expect_any, file_path
-from jaxplan.runtime.files import replacing_file, replacing_folder
+from jaxplan.runtime.files import free_place, replacing_file, replacing_folder
 from jaxplan.schema.faults import closest
 from jaxplan.sky import Satellite
 from jaxplan.tables.table import HERMITE, RODRIGUES, SLERP
@@ -156,6 +155,7 @@ def export(
         forgive_deg: deg in [0, 1], by which margins of a table may fall short of zero, as of `certify_table`.
         forgive_percent: percent in [0, 10] of a limit or range, by which a table may exceed it.
         overwrite: whether an existing file may be replaced, or a folder that holds only files of this format.
+            Plans, and files of scenarios and timelines, are never replaced.
 
     Returns:
         The path.
@@ -166,7 +166,8 @@ def export(
             breaks something when readers interpolate it.
         ValueError: if format, epoch, step or tolerance is invalid or the scene has another epoch, with all
             faults at once; if there would be too many samples; if an extra is missing.
-        FileExistsError: if something exists at the path and `overwrite` is false.
+        FileExistsError: if something exists at the path and `overwrite` is false; if what is there is no
+            file (a device or pipe), or itself a plan or the file of a scenario or timeline.
     """
     expect_motion(plan)
     file_path("path", path)
@@ -300,38 +301,3 @@ def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
     """Return the path beside a plan file with its name and the format's suffix, such as ``plan.aem``."""
     kind = FORMATS.get(format)
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
-
-
-def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, overwrite: bool) -> Path:
-    """Check that a path may be written to, and return it.
-
-    Args:
-        path: path of a file, or of a folder.
-        parts: suffixes of the files in a folder; empty for a single file.
-        overwrite: whether an existing file may be replaced, or a folder that holds only files of these
-            suffixes.
-
-    Raises:
-        FileExistsError: if something is there, and `overwrite` is false.
-        ValueError: if the path is empty, or what is there is not such a file or folder.
-    """
-    if not os.fspath(path):
-        raise ValueError("path is empty, it must name a file or folder to write")
-    target = Path(path)
-    if not parts and target.is_dir():
-        raise ValueError(f"{target}: is a folder, and this format is a file")
-    if not os.path.lexists(target):
-        return target
-    if not overwrite:
-        hint = "is there already; --force replaces it (in Python overwrite=True)"
-        raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
-    if parts and (target.is_symlink() or not target.is_dir()):
-        raise ValueError(f"{target}: is a file, and this format is a folder of files")
-    foreign = sorted(
-        p.name for p in (target.iterdir() if parts else ()) if p.suffix not in parts or not p.is_file()
-    )
-    if foreign:
-        raise ValueError(
-            f"{target}: holds {foreign[0]}, so it is not replaced; only {', '.join(parts)} may be there"
-        )
-    return target

@@ -25,7 +25,7 @@ from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import TRAJECTORY_METHODS, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.runtime.arguments import file_path
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import Source, expect_replaceable, replacing_file
 from jaxplan.schema import ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.schema.arrays import Array, not_falling, rotations
 from jaxplan.schema.faults import Place, Reading
@@ -311,6 +311,7 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
     Raises:
         ValueError: if the path has the name of a file of timings.
+        OSError: if it cannot be written, or must not replace what is there; that is left as it was.
     """
     target = file_path("path", path)
     if target.name.endswith(_TIMINGS_SUFFIX):
@@ -327,7 +328,8 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
     if plan.goal is not None and not moves(plan.scenario):
         content["goal"] = {key: content["goal"][key] for key in _STILL_GOAL}
     timings = _timings_file(target)
-    with _replacing_json_file(target, content):
+    expect_replaceable(timings)
+    with _replacing_json_file(target, content, Source.PLAN):
         timings.unlink(missing_ok=True)
     with _replacing_json_file(timings, dict(plan.timings)):
         pass
@@ -416,10 +418,12 @@ def plain(record: Any) -> Any:
 
 
 @contextmanager
-def _replacing_json_file(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
+def _replacing_json_file(
+    path: FilePath, content: Mapping[str, Any], kind: Source | None = None
+) -> Iterator[None]:
     """Write `content` as JSON to a temporary file, run the block, then move the file to `path`."""
     text = json.dumps(content, indent=1, allow_nan=False)
-    with replacing_file(path) as file:
+    with replacing_file(path, kind=kind) as file:
         file.write_text(text + "\n", encoding="utf-8")
         yield
 

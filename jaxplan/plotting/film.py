@@ -41,7 +41,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.plotting.zones import draw_line, draw_zone, name_zones, zone_entries, zones_at
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import expect_replaceable, replacing_file
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.timeline.record import TimelinePlan
 
@@ -202,6 +202,7 @@ def _check_writable(target: Path) -> None:
     """Raise an OSError if a file cannot be written, before drawing takes minutes."""
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: a film needs the name of a file")
+    expect_replaceable(target)
     folder = next(parent for parent in target.absolute().parents if parent.exists())
     if not folder.is_dir():
         raise NotADirectoryError(f"{target} cannot be written: {folder} is a file, not a folder")

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jaxplan.certificate import Certificate
-from jaxplan.exporting import free_place
 from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proving import certify, check_margins
@@ -31,7 +30,7 @@ from jaxplan.report.markup import (
     tiles,
 )
 from jaxplan.runtime.arguments import expect, file_path
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import free_place, replacing_file
 from jaxplan.schema import dump_scenario
 from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
@@ -60,7 +59,8 @@ def report_html(
     Args:
         plan: of any status, of a scenario or a timeline.
         path: the file. It is written as a whole or not at all; its folder is made if it is missing.
-        overwrite: whether an existing file may be replaced.
+        overwrite: whether an existing file may be replaced. Plans, and files of scenarios and timelines, are
+            never replaced.
         frequencies: Hz, at which the spectrum of a single manoeuvre's torque is listed and drawn; without any
             there is no spectrum.
         viewer: whether the page begins with an interactive view of the plan in space (`jaxplan.view`; extra
@@ -76,7 +76,7 @@ def report_html(
         ValueError: if the path is empty or a folder, or a frequency is not positive; if the orbit is not
             known for the time of the plan; or if a viewer is wanted, but the extra is missing or the plan has
             no trajectory.
-        FileExistsError: if there is a file at the path, and `overwrite` is false.
+        FileExistsError: if there is a file at the path that may not be replaced, or a device or pipe.
     """
     if not isinstance(plan, TimelinePlan):
         expect("plan", plan, Plan, "jp.plan makes one of a scenario, jp.plan_timeline that of a timeline")

@@ -23,7 +23,7 @@ from jaxplan.model.file_keys import unit_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import as_floats, expect, file_path, show
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import Source, replacing_file
 from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
@@ -332,10 +332,11 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
 
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
-        OSError: if the file cannot be written; an existing file is left as it was.
+        OSError: if it cannot be written, or must not replace what is there, such as a plan; that is left as
+            it was.
     """
     text = dump_scenario(scenario)
-    with replacing_file(file_path("path", path)) as temporary:
+    with replacing_file(file_path("path", path), kind=Source.SCENE) as temporary:
         temporary.write_bytes(text.encode())
 
 

@@ -21,7 +21,7 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.arguments import expect, file_path
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import Source, replacing_file
 from jaxplan.schema import text as texts
 from jaxplan.schema.activities import (
     ACTIVITY,
@@ -430,10 +430,11 @@ def save_timeline(timeline: Timeline, path: str | os.PathLike[str]) -> None:
 
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
-        OSError: if the file cannot be written; an existing file is left as it was.
+        OSError: if it cannot be written, or must not replace what is there, such as a plan; that is left as
+            it was.
     """
     text = dump_timeline(timeline)
-    with replacing_file(file_path("path", path)) as temporary:
+    with replacing_file(file_path("path", path), kind=Source.SCENE) as temporary:
         temporary.write_bytes(text.encode())
 
 

@@ -17,7 +17,6 @@ import os
 import zipfile
 import zlib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from jaxplan.model.activities import REST, Timeline, in_order
 from jaxplan.model.status import Status
 from jaxplan.planner.files import CERTIFICATE, PlanFileError, plain, record_table, trajectory_table
 from jaxplan.runtime.arguments import file_path
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import DAY_ENTRY, Source, replacing_file
 from jaxplan.schema import ScenarioError, timeline_from_dict, timeline_to_dict
 from jaxplan.schema.faults import Place, Reading
 from jaxplan.schema.value_kinds import Choice, Interval, Name, Nullable, Number, Several, Text
@@ -36,7 +35,6 @@ SCHEMA_VERSION = 1
 KIND = "plan of a timeline"
 LARGEST = 2**30
 """Bytes of all entries together, unpacked; a day of a spacecraft with eight joints has 10 MB."""
-_CONTENT_ENTRY = "plan.json"
 _MIN_ENTRY_LENGTH = 32  # least length of a list of numbers that is an entry of its own
 _ENTRY_KEY = "entry"  # key of a dict that stands in place of such a list, with the entry's name
 _TIME_STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of all entries, the same for equal bytes
@@ -101,7 +99,8 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
     Raises:
         ScenarioError: if the timeline could not be read again.
-        OSError: if the file cannot be written; an existing one is left as it was.
+        OSError: if it cannot be written, or must not replace what is there, such as a scenario; that is left
+            as it was.
     """
     target = file_path("path", path)
     arrays: dict[str, np.ndarray] = {}
@@ -126,8 +125,8 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
             own[name] = {_ENTRY_KEY: f"trajectory.{name}"}
         content["trajectory"] = own
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    with replacing_file(target) as file, zipfile.ZipFile(file, "w") as archive:
-        _add_entry(archive, _CONTENT_ENTRY, text.encode())
+    with replacing_file(target, kind=Source.DAY_PLAN) as file, zipfile.ZipFile(file, "w") as archive:
+        _add_entry(archive, DAY_ENTRY, text.encode())
         for name, array in arrays.items():
             _add_entry(archive, f"{name}.npy", _npy_bytes(array))
 
@@ -187,9 +186,9 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(source) as archive:
             entries = _read_entries(archive)
-        content = json.loads(entries.pop(_CONTENT_ENTRY).decode(), parse_constant=_refuse_constant)
+        content = json.loads(entries.pop(DAY_ENTRY).decode(), parse_constant=_refuse_constant)
         if not isinstance(content, dict) or content.get("kind") != KIND:
-            raise ValueError(f"its {_CONTENT_ENTRY} has no kind = {KIND!r}")
+            raise ValueError(f"its {DAY_ENTRY} has no kind = {KIND!r}")
         arrays = {name.removesuffix(".npy"): _parse_npy(name, entry) for name, entry in entries.items()}
         return _parse_plan(_unpack_arrays(content, arrays))
     except ScenarioError as error:
@@ -208,15 +207,6 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise PlanFileError(f"{path}: not a plan of a timeline ({error})") from error
 
 
-def is_plan(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file is an archive with the entry of a timeline's plan; its content is not checked."""
-    try:
-        with zipfile.ZipFile(Path(path)) as archive:
-            return _CONTENT_ENTRY in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return False
-
-
 def _refuse_constant(word: str) -> float:
     raise ValueError(f"{word} is not allowed")
 
@@ -227,8 +217,8 @@ def _read_entries(archive: zipfile.ZipFile) -> dict[str, bytes]:
     if sum(entry.file_size for entry in listed) > LARGEST:
         raise ValueError(f"unpacked it is larger than {LARGEST >> 20} MiB")
     names = [entry.filename for entry in listed]
-    if len(set(names)) < len(names) or _CONTENT_ENTRY not in names:
-        raise ValueError(f"it needs one {_CONTENT_ENTRY}, and no entry twice")
+    if len(set(names)) < len(names) or DAY_ENTRY not in names:
+        raise ValueError(f"it needs one {DAY_ENTRY}, and no entry twice")
     return {entry.filename: archive.read(entry) for entry in listed}
 
 

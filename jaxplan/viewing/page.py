@@ -15,10 +15,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from jaxplan.exporting import free_place
 from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import expect, expect_any, file_path
-from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.files import free_place, replacing_file
 from jaxplan.timeline.record import TimelinePlan
 
 _SCRIPTS = ("motion.js", "world.js", "charts.js", "controls.js")
@@ -57,7 +56,8 @@ class View:
 
         Args:
             path: the file. It appears whole or not at all; its folder is made.
-            overwrite: whether an existing file may be replaced.
+            overwrite: whether an existing file may be replaced. Plans, and files of scenarios and timelines,
+                are never replaced.
 
         Returns:
             The path.
@@ -65,7 +65,7 @@ class View:
         Raises:
             TypeError: if it is no path.
             ValueError: if the path is empty or a folder.
-            FileExistsError: if there is a file at the path, and it may not be replaced.
+            FileExistsError: if there is a file at the path that may not be replaced, or a device or pipe.
         """
         file_path("path", path)
         target = free_place(path, overwrite=overwrite)

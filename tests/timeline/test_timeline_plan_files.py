@@ -10,9 +10,9 @@ import pytest
 
 import jaxplan as jp
 from jaxplan.model.status import Status
+from jaxplan.runtime.files import is_day_plan
 from jaxplan.schema import parse_timeline
 from jaxplan.timeline import PlannedActivity, Segment, TimelinePlan, curves
-from jaxplan.timeline.files import is_plan
 from jaxplan.timeline.least_energy import Nodes
 from jaxplan.timeline.proving import certify_segments
 
@@ -136,7 +136,7 @@ def test_the_same_plan_has_the_same_bytes(plan, file, tmp_path):
 def test_numpy_opens_it(plan, file):
     with np.load(file) as arrays:
         np.testing.assert_array_equal(arrays["trajectory.coefficients"], plan.trajectory.coefficients)
-    assert is_plan(file)
+    assert is_day_plan(file)
 
 
 def test_a_plan_without_a_motion_is_kept(plan, tmp_path):
@@ -241,7 +241,7 @@ def test_arrays_are_numbers_or_refused(file, entry, message):
 @pytest.mark.parametrize("content", [b"", b"{}", b"PK\x03\x04 no archive"])
 def test_what_is_no_archive_is_refused(tmp_path, content):
     (tmp_path / "plan.npz").write_bytes(content)
-    assert not is_plan(tmp_path / "plan.npz")
+    assert not is_day_plan(tmp_path / "plan.npz")
     with pytest.raises(jp.PlanFileError, match=r"plan\.npz: not a plan of a timeline"):
         jp.load_timeline_plan(tmp_path / "plan.npz")
 
