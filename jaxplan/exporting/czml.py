@@ -75,7 +75,7 @@ def _refine_for_earth_rotation(sampling: Sampling) -> Sampling:
     differs from the product of both turns by at most ``|a x b| / 8``, to second order (Baker, Campbell,
     Hausdorff). Unchanged where no tolerance is given.
     """
-    if sampling.tolerance is None or len(sampling.times) < 2:
+    if sampling.tolerance is None:
         return sampling
     times, steps = sampling.times, np.diff(sampling.times)
     attitude = sampling.flight.trajectory.sample(times).attitude

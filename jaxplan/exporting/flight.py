@@ -5,7 +5,7 @@ with the few attributes named there, whatever its class.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +19,8 @@ from jaxplan.runtime.arguments import expect, number
 from jaxplan.trajectory import Trajectory
 
 APART = 1e-6  # s: instants closer together would coincide in files that count seconds from the year 2000
+HELD_S = 1.0
+"""s: for which tables hold a motion that takes no time, as readers need two rows."""
 
 
 class UncertifiedError(ValueError):
@@ -157,6 +159,18 @@ def flight_of(subject: Plan | Day) -> Flight:
         names=names,
         cones=(*scene.keep_out, *scene.keep_in),
     )
+
+
+def held(flight: Flight) -> Flight:
+    """Return a flight that takes no time as a rest of `HELD_S`, and any other as it is.
+
+    A motion that takes no time starts and ends at rest, so its only polynomial is constant.
+    """
+    if len(flight.boundaries) > 1:
+        return flight
+    own = flight.trajectory
+    breaks, joint_breaks = (np.append(each[:-1], HELD_S) for each in (own.breaks, own.joint_breaks))
+    return replace(flight, trajectory=replace(own, breaks=breaks, joint_breaks=joint_breaks))
 
 
 def proof_of(subject: Plan | Day) -> Proof:

@@ -18,6 +18,7 @@ from jaxplan.exporting.flight import (
     ending,
     expect_motion,
     flight_of,
+    held,
     proof_of,
     scene_of,
 )
@@ -128,7 +129,8 @@ def export(
 
     Readers of a table interpolate between its rows. So zones, ranges and rates are also proved for the motion
     that readers of the format make of the table (`jaxplan.certify_table`, with joints linear there), and a
-    table that breaks them by more than is forgiven is refused.
+    table that breaks them by more than is forgiven is refused. A motion that takes no time is a table of a
+    second at rest.
 
         >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
         >>> jp.export(day, "day.ck", format="ck", names=jp.ExportNames(naif_id=-2000, frame_name="EO1_BUS"))
@@ -184,7 +186,7 @@ def export(
         if not kind.placed:
             raise ValueError(f"observer: format {format} does not say where the spacecraft is, czml does")
     target = free_place(path, kind.parts, overwrite=overwrite)
-    flight = flight_of(plan)
+    flight = flight_of(plan) if kind.exact else held(flight_of(plan))
     few = step_s == SPARSEST
     near = kind.tolerance_deg if tolerance_deg is None else tolerance_deg
     steady = flight.boundaries if kind.exact or few else _steady_times(flight, step_s, near)

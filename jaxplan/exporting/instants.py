@@ -73,8 +73,6 @@ def steady_instants(boundaries: np.ndarray, step: float) -> np.ndarray:
             f"step_s = {step:g}: must be more than {duration / MOST_SAMPLES:.3g} for a manoeuvre of "
             f"{duration:.2f} s, since a file holds at most {MOST_SAMPLES} samples"
         )
-    if not duration > 0:
-        return np.zeros(1)
     grid = step * np.arange(int(duration / step) + 1)
     apart = max(1e-3 * min(step, duration), APART)
     after = np.searchsorted(boundaries, grid)
@@ -97,8 +95,6 @@ def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False
         ValueError: if they would be more than `MOST_SAMPLES`.
     """
     boundaries = flight.boundaries
-    if len(boundaries) == 1:
-        return boundaries
     starts = [
         np.linspace(begin, end, int(np.ceil((end - begin) / LONGEST_STEP)) + 1)[:-1]
         for begin, end in pairwise(boundaries)

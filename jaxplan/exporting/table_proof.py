@@ -81,12 +81,12 @@ def broken_by(plan: Plan | Day, sampling: Sampling, how: Readings, forgives: For
 def expect_held(plan: Plan | Day, sampling: Sampling, how: Readings, format: str, forgives: Forgiven) -> None:
     """Refuse a table that breaks something when readers interpolate it; arguments as of `broken_by`.
 
-    Tables of one row, or of more than `_MOST_ROWS`, are not checked.
+    Tables of more than `_MOST_ROWS` are not checked.
 
     Raises:
         UncertifiedError: with what breaks, when, and what to do.
     """
-    if not 1 < len(sampling.times) <= _MOST_ROWS:
+    if len(sampling.times) > _MOST_ROWS:
         return
     faults = broken_by(plan, sampling, how, forgives)
     if faults:

@@ -27,8 +27,8 @@ def write_basilisk(sampling: Sampling, path: Path) -> None:
     components, as ``useReferenceFrame = False`` requires.
 
     Args:
-        sampling: the motion's sampling. If it takes no time, its one waypoint is written twice, a second
-            apart, since Basilisk reads zeros for the second of a single one.
+        sampling: the motion's sampling, of two instants or more, since Basilisk reads zeros for the second
+            waypoint of a single one.
         path: the file.
     """
     with path.open("w", encoding="ascii") as file:
@@ -39,9 +39,6 @@ def write_basilisk(sampling: Sampling, path: Path) -> None:
                 block.inertial(block.values.angular_velocity),
                 block.inertial(block.values.angular_acceleration),
             ]
-            if len(sampling.times) == 1:
-                columns = [np.repeat(column, 2, axis=0) for column in columns]
-                columns[0][1] += 1.0
             file.writelines(table_lines(columns, separator=","))
 
 

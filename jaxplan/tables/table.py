@@ -168,8 +168,12 @@ def _table_faults(table: AttitudeTable) -> Iterator[str]:
     if table.alternative not in (None, *INTERPOLATIONS):
         yield f"alternative = {table.alternative!r}: must be None or one of {', '.join(INTERPOLATIONS)}"
     rows, joints = len(np.atleast_1d(table.times)), len(table.joint_names)
-    if table.times.ndim != 1 or rows < 2:
-        yield f"times has the shape {table.times.shape}: must be (k,) with two rows or more"
+    if table.times.ndim != 1:
+        yield f"times has the shape {table.times.shape}: must be (k,), a time for each row"
+        return
+    if rows < 2:
+        told = "1 row" if rows else "no rows"
+        yield f"has {told}: must have two or more; repeat an attitude that is held in a later row"
         return
     shapes = {"quaternions": 4, "angular_velocity": 3, "joints": joints, "joint_rates": joints}
     given = {name: getattr(table, name) for name in shapes if getattr(table, name) is not None}

@@ -162,12 +162,16 @@ def test_kernels_of_several_manoeuvres_can_be_loaded_at_once(plan, kernels, tmp_
     )
 
 
-def test_a_manoeuvre_that_takes_no_time_can_be_asked_for(tmp_path):
+def test_a_manoeuvre_that_takes_no_time_is_a_second_at_rest(tmp_path):
     scenario = make_scenario(2, 1)
     resting = jp.plan(replace(scenario, goal=scenario.start))
-    start = load(jp.export(resting, tmp_path / "rest", format="ck", epoch=EPOCH))
-    attitude = turns("J2000", "JAXPLAN_BUS", np.array([start]))[0]
-    np.testing.assert_allclose(attitude, resting.goal.attitude, atol=1e-9)
+    place = jp.export(resting, tmp_path / "rest", format="ck", epoch=EPOCH)
+    start = load(place)
+    for attitude in turns("J2000", "JAXPLAN_BUS", start + np.array([0, 0.5, 1])):
+        np.testing.assert_allclose(attitude, resting.goal.attitude, atol=1e-9)
+    proof = jp.certify_table(place, None, resting.scenario)
+    assert proof.certified
+    assert not proof.misses_goal
 
 
 @pytest.mark.slow

@@ -155,9 +155,10 @@ def test_plain_tables_hold_every_column_under_its_name(plan, folder):
 
 
 @pytest.mark.parametrize("name", ["aem", "stk", "basilisk", "csv", "npz"])
-def test_a_manoeuvre_that_takes_no_time_is_one_sample(resting, tmp_path, name):
+@pytest.mark.parametrize("rows", [{"step_s": 0.5}, {"tolerance_deg": 0.01}, {"step_s": "sparsest"}])
+def test_a_manoeuvre_that_takes_no_time_is_a_second_at_rest(resting, tmp_path, name, rows):
     assert resting.trajectory.duration == 0
-    place = jp.export(resting, tmp_path / "at-rest", format=name, epoch=EPOCH)
+    place = jp.export(resting, tmp_path / "at-rest", format=name, epoch=EPOCH, **rows)
     attitude = resting.goal.attitude
     if name == "aem":
         _, times, states = read_aem(place)
@@ -171,10 +172,14 @@ def test_a_manoeuvre_that_takes_no_time_is_one_sample(resting, tmp_path, name):
     else:
         table = np.genfromtxt(place, delimiter=",", skip_header=name == "csv", usecols=range(5), ndmin=2)
         times, quaternions, first = table[:, 0], table[:, 1:], True
-    # Basilisk needs two lines, or it takes the second for zeros
-    assert times.tolist() == ([0, 1] if name == "basilisk" else [0])
+    assert times.tolist() == ([0, 0.5, 1] if rows == {"step_s": 0.5} else [0, 1])
     found = matrices(quaternions, scalar_first=first)
     np.testing.assert_allclose(found, np.broadcast_to(attitude, found.shape), atol=1e-9)
+    proof = jp.certify_table(place / "platform.a" if name == "stk" else place, None, resting.scenario)
+    assert proof.certified
+    assert proof.rows_count == len(times)
+    assert not proof.misses_goal
+    np.testing.assert_allclose([proof.peaks["angular_velocity"], proof.rate_jump], 0, atol=1e-12)
 
 
 def test_a_hundred_thousand_samples_are_written_and_read(plan, tmp_path):
