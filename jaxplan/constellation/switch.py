@@ -115,7 +115,8 @@ class LinkSwitch(Surroundings):
         sun_outage: (2, T, n) bool, which links before and after lead through the Sun's cone, or within
             `CLEARANCE` of it.
         attitudes: (T, 3, 3) rotation matrices at the start, body to inertial.
-        joints: (T, 2n) rad at the start, all terminals' yaws and then all pitches.
+        joints: (T, 2n + d) rad at the start: all terminals' yaws, all pitches, and the angles of the d
+            drives, which are zero, or the nearest angle in range.
     """
 
     spacecraft: Spacecraft
@@ -146,7 +147,10 @@ class LinkSwitch(Surroundings):
         chosen = self.chosen(satellites)
         vectors = so3.log(self.attitudes)
         names = tuple(terminal.name for terminal in self.spacecraft.terminals)
-        still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(2 * len(names))}
+        still: dict[str, Any] = {
+            "angular_velocity": np.zeros(3),
+            "joint_rates": np.zeros(self.spacecraft.joint_count),
+        }
         zone = partial(KeepOut, devices=names)
         down = self.shell.nadir(self.time)
         sun: list[KeepOut] = []
@@ -352,13 +356,14 @@ def _find_starts(
         directions: (T, n, 3) inertial unit vectors in which terminals point before the switch.
 
     Returns:
-        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n) in rad, all yaws and then all pitches.
+        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n + d) in rad, those of the d drives at zero or
+        the nearest angle in range.
 
     Raises:
         ScenarioError: if a satellite has no such state.
     """
     attitudes, joints, found = nearest_attitudes(craft, nominal, directions)
-    still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(len(craft.joint_names))}
+    still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(craft.joint_count)}
     nowhere = tabulate((), (), craft)
     for number in np.flatnonzero(~found):
         targets = Targets(directions=directions[number], **still)

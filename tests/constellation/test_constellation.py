@@ -132,6 +132,32 @@ def test_starts_that_the_batch_does_not_find_are_left_to_step_1(switch):
     assert_each(np.abs(switch.joints), "<=", craft.joint_ranges[:, 1])
 
 
+def test_drives_and_instruments_change_no_start_of_terminals_and_begin_in_range_at_rest(switch):
+    drives = [
+        jp.Drive(
+            name=name,
+            axis=[0, 1, 0],
+            boresight=[0, 0, -1],
+            range=np.deg2rad(angles),
+            rate_limit=0.1,
+            acceleration_limit=0.1,
+        )
+        for name, angles in (("array", [-180, 180]), ("panel", [20, 180]))
+    ]
+    telescope = jp.Instrument(name="telescope", boresight=[0, 0, 1])
+    craft = replace(switch.spacecraft, drives=drives, instruments=[telescope])
+    sun = {"sun_direction": SUN, "sun_half_angle": np.deg2rad(15.0), "drift_time": 120.0}
+    more = jp.link_switch(SMALL, spacecraft=craft, **sun)
+    np.testing.assert_array_equal(more.joints[:, :6], switch.joints)
+    np.testing.assert_array_equal(more.joints[:, 6:], np.deg2rad([[0, 20]] * 36))
+    for scenario in more.scenarios():
+        np.testing.assert_array_equal(scenario.start.joint_rates, np.zeros(8))
+        np.testing.assert_array_equal(scenario.goal.joint_rates, np.zeros(8))
+        assert all(zone.devices == ("fore", "aft", "cross") for zone in scenario.keep_out)
+    result = jp.plan_constellation(more, satellites=[0, 7], progress=False)
+    np.testing.assert_array_equal(result.certified, True)
+
+
 def test_links_through_the_sun_wait_beside_its_cone_as_near_as_may_be(large):
     sun_angle = angle(large.directions, SUN)
     rim = large.sun_half_angle + CLEARANCE
