@@ -11,15 +11,13 @@ from jaxplan.schema.arrays import Array, rising
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.tables import Either, Field, Table
 from jaxplan.schema.value_kinds import Choice, Integer, Interval, Kind, Number
-from jaxplan.sky.ephemeris import FRAMES
+from jaxplan.sky.ephemeris import FARTHEST, FRAMES
 from jaxplan.sky.frames import EARTH_RADIUS
 from jaxplan.sky.orbits import HIGHEST_ALTITUDE
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION_DEG = Number(Interval("[-180, 180]"), degrees=True)
-# Wider than anything that circles the Earth needs. No position in metres passes: the largest of its three
-# numbers is at least the Earth's radius over the root of three.
-_POSITION_KM = Number(Interval("[-3e6, 3e6]"), hint="it is in km")
+_POSITION_KM = Number(Interval(f"[-{FARTHEST}, {FARTHEST}]"), hint="it is in km")
 _VELOCITY_KM_S = Number(Interval("[-100, 100]"), hint="it is in km/s")
 _LOWEST_ALTITUDE = 100.0  # km, below which no satellite stays in orbit for a revolution
 _TIME_S = Number(Interval("[-1e7, 1e7]"))  # s

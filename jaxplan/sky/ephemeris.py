@@ -12,6 +12,12 @@ In low orbit that is far below a millimetre at 60 s; at 180 s below a millimetre
 eccentricity of 0.01 and a hundred times for 0.7. Steps of more than 45 deg are refused, and nothing is
 extrapolated.
 
+**Velocities must agree with positions.** Over a step of h s the positions differ by h times the mean of the
+two velocities, up to the acceleration's part in ``h |v1 - v0| / (2 cos(phi / 2))``: an acceleration whose
+direction turns by no more than phi, as gravity's does, cannot do more, however it is spread over the step.
+Samples farther apart than that, by 1 % of the way and 0.1 km for rounding and noise, are refused: velocities
+of the wrong sign, unit, row or axes, or a burn between two samples, which belongs between two segments.
+
 **Messages** are read by ccsds-ndm-py, which knows both notations (KVN and XML) and the versions 1 to 3 of
 the standard (CCSDS 502.0-B), and needs nothing but numpy. A message may have several segments, as before and
 after a burn; each is interpolated by itself, within its useable times. Axes are those of GCRF, ICRF or
@@ -39,6 +45,10 @@ _AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19
 _TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
 _POLYNOMIAL_DEGREE = 7  # degree of the polynomial between samples
 _MAX_SAMPLE_ANGLE = np.deg2rad(45.0)  # rad, largest angle between neighbouring samples, seen from the centre
+FARTHEST = 3_000_000
+"""km, greatest coordinate of a position, beyond all that circles the Earth. In metres no position passes: the
+largest of its three numbers is at least the Earth's radius over the root of three."""
+_ROUNDING_SHARE, _ROUNDING_KM = 0.01, 0.1  # of the way between samples, in which velocities may contradict it
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing flies below
 _MAX_FILE_BYTES = 64 * 2**20  # most bytes of a message, some 500,000 samples
 _SECOND = np.timedelta64(1, "s")
@@ -130,8 +140,9 @@ class Ephemeris:
             name: name of the satellite.
 
         Raises:
-            EphemerisError: if shapes or numbers are wrong, or neighbours more than 45 deg apart as seen from
-                the Earth's centre.
+            EphemerisError: if shapes or numbers are wrong, a coordinate is beyond 3,000,000 km, neighbours
+                are more than 45 deg apart as seen from the Earth's centre, or velocities contradict the
+                positions.
         """
         piece = _make_samples(times, positions, velocities)
         return cls(name=name, epoch=None if epoch is None else parse_epoch(epoch), pieces=(piece,))
@@ -180,7 +191,8 @@ def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
 
     Raises:
         EphemerisError: if it is no such message, or one about another centre, with axes that are not
-            inertial, or in an unknown time system.
+            inertial, in an unknown time system, or with states that are no motion, as in
+            `Ephemeris.through`; it names the segment and the state, counted from 0.
         OSError: if the file cannot be read.
         ImportError: if the extra ``oem`` is not installed.
     """
@@ -231,7 +243,10 @@ def _read_segments(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Sample
             epoch = days[0].astype("datetime64[ns]")
         times = (days - epoch) / _SECOND + seconds - leaps(epoch)
         table = np.asarray(segment.data.state_vector_numpy, float)
-        pieces.append(_make_samples(times[:-2], table[:, :3], table[:, 3:6], *times[-2:]))
+        try:
+            pieces.append(_make_samples(times[:-2], table[:, :3], table[:, 3:6], *times[-2:]))
+        except EphemerisError as error:
+            raise EphemerisError(f"segment {i}, {error}") from error
     assert epoch is not None
     return epoch, tuple(sorted(pieces, key=lambda piece: piece.first))
 
@@ -298,6 +313,11 @@ def _make_samples(
         raise EphemerisError(
             f"positions[{i}] = {p[i].tolist()}: is {radius[i]:.6g} km from the Earth's centre, inside it"
         )
+    if not np.all(np.abs(p) <= FARTHEST):
+        i = int(np.argmax(np.any(np.abs(p) > FARTHEST, axis=1)))
+        raise EphemerisError(
+            f"positions[{i}] = {p[i].tolist()}: must lie in [-{FARTHEST}, {FARTHEST}], it is in km"
+        )
     unit = p / radius[:, None]
     apart = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(unit, axis=0), axis=1) / 2, 0, 1))
     if not np.all(apart <= _MAX_SAMPLE_ANGLE):
@@ -306,9 +326,36 @@ def _make_samples(
             f"positions[{i + 1}]: is {np.rad2deg(apart[i]):.4g} deg from the one before, seen from the "
             f"Earth's centre, at most {np.rad2deg(_MAX_SAMPLE_ANGLE):g}: give more samples"
         )
+    if v is not None:
+        _check_velocities(t, p, v, apart)
     begin, end = t[0] if first is None else first, t[-1] if last is None else last
     if not t[0] <= begin < end <= t[-1]:
         raise EphemerisError(
             f"useable times [{begin:.9g}, {end:.9g}] s: must lie in [{t[0]:.9g}, {t[-1]:.9g}]"
         )
     return Samples(times=t, positions=p, velocities=v, first=float(begin), last=float(end))
+
+
+def _check_velocities(t: np.ndarray, p: np.ndarray, v: np.ndarray, apart: np.ndarray) -> None:
+    """Raise an EphemerisError where positions and velocities contradict each other (module's docstring).
+
+    Args:
+        t: (n,) s, rising.
+        p: (n, 3) km.
+        v: (n, 3) km/s.
+        apart: (n - 1,) rad between neighbouring positions, seen from the Earth's centre.
+    """
+    step, moved = np.diff(t), np.diff(p, axis=0)
+    way = step[:, None] * (v[1:] + v[:-1]) / 2
+    most = step * np.linalg.norm(np.diff(v, axis=0), axis=1) / (2 * np.cos(apart / 2))
+    most += _ROUNDING_SHARE * np.linalg.norm(moved, axis=1) + _ROUNDING_KM
+    off = np.linalg.norm(moved - way, axis=1)
+    if np.all(off <= most):
+        return
+    i = int(np.argmax(off > most))
+    told = [", ".join(f"{number:.6g}" for number in vector) for vector in (moved[i], way[i])]
+    raise EphemerisError(
+        f"positions[{i}] and [{i + 1}]: are [{told[0]}] km apart, but in {step[i]:.6g} s the velocities "
+        f"there lead [{told[1]}] km, which is {off[i]:.4g} km off, at most {most[i]:.4g} can be: give "
+        "velocities in km/s, of the same times and along the same axes as the positions"
+    )

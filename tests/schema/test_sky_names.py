@@ -298,7 +298,7 @@ SAMPLES = {"position_samples_km": [[7000, 0, 0], [7000, 400, 0], [7000, 800, 0],
         (
             ORBIT,
             {"position_samples_km": [[3.9e6, -3.95e6, 3.7e6]] * 4, "times_s": [0, 60, 120, 180]},
-            "sky.observer.position_samples_km[0][0] = 3900000.0: must lie in [-3e6, 3e6]: it is in km",
+            "sky.observer.position_samples_km[0][0] = 3900000.0: must lie in [-3000000, 3000000]: it is in km",
         ),
     ],
 )

@@ -1,5 +1,7 @@
 """Ephemerides: samples against Keplerian truth between them, and messages of CCSDS in all time systems."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,46 @@ def test_samples_that_are_no_motion_are_refused(change, words):
     given = {"times": times, "positions": states(CIRCLE, times)[0]} | change
     with pytest.raises((ValueError, TypeError), match=words):
         sky.Ephemeris.through(**given)
+
+
+@pytest.mark.parametrize("orbit", [CIRCLE, NEAR, ELLIPSE])
+def test_velocities_agree_with_positions_at_all_steps_that_are_allowed(orbit):
+    # two revolutions, by steps of 40 deg seen from the Earth's centre
+    anomalies = np.deg2rad(np.arange(-360, 361, 40.0))
+    half = np.arctan(np.sqrt((1 - orbit.eccentricity) / (1 + orbit.eccentricity)) * np.tan(anomalies / 2))
+    eccentric = 2 * (half + np.pi * np.round(anomalies / (2 * np.pi)))
+    motion = np.sqrt(398600.4418 / orbit.semi_major_axis**3)
+    times = (eccentric - orbit.eccentricity * np.sin(eccentric)) / motion
+    at_perigee = dataclasses.replace(orbit, anomaly=0.0)
+    sky.Ephemeris.through(times, *states(at_perigee, times))
+    close = np.sort(np.concatenate([times, times + 1.0]))
+    sky.Ephemeris.through(close, *states(at_perigee, close))
+
+
+@pytest.mark.parametrize("step", [1.0, 60.0, 400.0])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda p, v: (p, -v), r"positions\[0\] and \[1\]: are \[.*\] km apart, but in .* s the velocities"),
+        (lambda p, v: (p, 1e3 * v), "give velocities in km/s"),
+        (lambda p, v: (p, 0 * v), r"lead \[0, -?0, 0\] km"),
+        (lambda p, v: (p, np.roll(v, 1, axis=1)), "along the same axes"),
+        (
+            lambda p, v: (1e3 * p, 1e3 * v),
+            r"positions\[0\] = .*: must lie in \[-3000000, 3000000\], it is in km",
+        ),
+    ],
+)
+def test_samples_in_other_units_or_with_velocities_of_another_motion_are_refused(step, change, words):
+    times = np.arange(5) * step
+    with pytest.raises(sky.EphemerisError, match=words):
+        sky.Ephemeris.through(times, *change(*states(CIRCLE, times)))
+
+
+def test_rounded_samples_one_second_apart_are_taken():
+    times = np.arange(30.0)
+    position, velocity = states(CIRCLE, times)
+    sky.Ephemeris.through(times, np.round(position, 1), np.round(velocity, 2))
 
 
 # What a message has, beside the states; its times are those of UTC unless told.
@@ -214,6 +256,11 @@ def test_segments_are_interpolated_each_by_itself_within_its_useable_times(tmp_p
         ("2026-06-20T09:35:00 ", "2026-06-20T09:34:00 ", "must be later than the one before"),
         ("2026-06-20T09:35:00 ", "2026-06-20T9:35 ", "no Orbit Ephemeris Message"),
         ("2026-06-20", "1960-06-20", "must lie in the years 1972 to 2099"),
+        (
+            "2026-06-20T09:35:00 ",
+            "2026-06-20T09:35:40 ",
+            r"orbit.oem: segment 0, positions\[4\] and \[5\]: are",
+        ),
         ("META_STOP", "USEABLE_STOP_TIME = 2026-06-21T00:00:00\nMETA_STOP", "useable times"),
     ],
 )
