@@ -208,7 +208,11 @@ def resolve_all(
         for place, axis in looked_up:
             vector = "must be a unit vector of 3 numbers; a name " * (axis.key == "direction")
             place.fault(f"{vector}needs [sky], with epoch_utc and observer", axis.name)
-    seen = known(view, lasting, root["sky"]) if view is not None and looked_up else None
+    seen = None
+    if view is not None and looked_up:
+        seen = known(view, lasting, root["sky"])
+    elif view is not None:
+        _read_names(view, root["sky"])  # for its faults
     if seen is None:
         return scenario, [aim.targets for aim in aims]
     for kind, rows in zones.items():
@@ -370,18 +374,9 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
         lasting: for how long names are followed if the view does not say.
         place: place of the view.
     """
-    if is_wrong(view):
-        return None  # noted before
-    things: dict[str, Any] = {}
-    for place_key, rows in _view_rows(view).items():
-        for i, row in enumerate(rows if place_key != "occulter" else ()):
-            if row.name in (*sky.BODIES, *sky.LOCAL, *things):
-                complaint = "must be unique, and no body's nor a direction's"
-                place[place_key][i]["name"].fault(complaint, row.name)
-                return None
-            things[row.name] = row.orbit if isinstance(row, Satellite) else row.thing
-    check_unique(placed(view.spheres, place["occulter"]))
-    spheres = [_make_sphere(row, things, place["occulter"][i]) for i, row in enumerate(view.spheres)]
+    named = _read_names(view, place)
+    if named is None:
+        return None
     wanted = lasting.seconds if view.for_duration is None else view.for_duration
     if wanted is None:
         complaint = f"missing, must be a number of seconds, since {lasting.key} is not one"
@@ -394,14 +389,28 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
     there = _call_or_fault(
         partial(sky.positions, view.observer, epoch=view.epoch, times=[0.0, wanted]), place["observer"]
     )
-    if there is WRONG or WRONG in spheres:
-        return None
-    return Known(replace(view, for_duration=wanted), things, tuple(spheres))
+    return None if there is WRONG else Known(replace(view, for_duration=wanted), *named)
 
 
-def _view_rows(view: View) -> dict[str, tuple[Any, ...]]:
-    """Return the satellites, points of the ground and spheres of a view, by their keys in the file."""
-    return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
+def _read_names(view: View, place: Place) -> tuple[dict[str, Any], tuple[sky.Occulter, ...]] | None:
+    """Return what a view's names stand for, and its spheres; None, after noting why, if a part is wrong.
+
+    This needs neither the extra nor a duration, so that a view of which nothing is used is checked as well.
+    `place` is that of the view.
+    """
+    if is_wrong(view):
+        return None  # noted before
+    before = len(place.reading.faults)
+    things: dict[str, Any] = {}
+    for place_key, rows in (("satellite", view.satellites), ("ground", view.ground)):
+        for here, row in placed(rows, place[place_key]):
+            if row.name in (*sky.BODIES, *sky.LOCAL, *things):
+                here["name"].fault("must be unique, and no body's nor a direction's", row.name)
+            else:
+                things[row.name] = row.orbit if isinstance(row, Satellite) else row.thing
+    spheres = [_make_sphere(row, things, here) for here, row in placed(view.spheres, place["occulter"])]
+    check_unique(placed(view.spheres, place["occulter"]))
+    return None if len(place.reading.faults) > before else (things, tuple(spheres))
 
 
 def _make_sphere(row: Sphere, things: Mapping[str, Any], place: Place) -> Any:

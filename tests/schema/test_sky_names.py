@@ -298,13 +298,33 @@ SAMPLES = {"position_samples_km": [[7000, 0, 0], [7000, 400, 0], [7000, 800, 0],
         (
             ORBIT,
             {"position_samples_km": [[3.9e6, -3.95e6, 3.7e6]] * 4, "times_s": [0, 60, 120, 180]},
-            "sky.observer.position_samples_km[0][0] = 3900000.0: must lie in [-3000000, 3000000]: it is in km",
+            "sky.observer.position_samples_km[0][0] = 3900000.0: must lie in [-3000000, 3000000]",
         ),
     ],
 )
 def test_a_wrong_word_about_the_sky_is_named(place, value, fault):
     found = faults_of((place, value))
     assert found[0].startswith(fault), found
+
+
+def test_all_wrong_words_about_a_sky_that_nothing_uses_are_named():
+    unused = [
+        (("goal", "targets"), [[1, 0, 0], [0, 1, 0]]),
+        (("keep_out",), ABSENT),
+        (("keep_in",), ABSENT),
+        (("sky", "for_duration_s"), ABSENT),
+        (("trajectory", "duration_s"), "minimum"),
+    ]
+    sc.scenario_from_dict(changed(*unused))
+    occulters = [{"name": "mars"}, {"name": "earth"}, {"name": "moon"}, {"name": "moon"}, {"name": "ahead"}]
+    found = faults_of(*unused, ((*GROUND, "name"), "sun"), (("sky", "occulter"), occulters))
+    assert [fault.split(" = ")[0].split(": ")[0] for fault in found] == [
+        "sky.ground[0].name",
+        "sky.occulter[0].name",
+        "sky.occulter[1].name",
+        "sky.occulter[4].radius_km",
+        "sky.occulter[3].name",
+    ]
 
 
 @pytest.mark.parametrize(
