@@ -175,10 +175,13 @@ def _momentum_limit_text(scenario: Scenario, limit: float, held: float) -> str:
     )
 
 
-def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
-    """Return a phrase for each target that is hidden at `time` s, with what hides it and until when."""
+def hidden_targets(scenario: Scenario, time: float, when: str = "when the motion ends") -> tuple[str, ...]:
+    """Return a phrase for each target that is hidden at `time` s, with what hides it and until when.
+
+    `when` are words for what happens at that time.
+    """
     known, _ = known_until(scenario)
-    when = f"when the motion ends, at {time:.6g} s"
+    when = f"{when}, at {time:.6g} s"
     each = [hidden_words(path.hidden, device, time, known, when) for device, path in target_paths(scenario)]
     return tuple(phrase for phrase in each if phrase is not None)
 

@@ -26,14 +26,16 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.model.goals import LEAST_ROTATION, GivenState, Targets
-from jaxplan.model.scenario import Scenario, paths
+from jaxplan.model.hidden_spans import rounded_up
+from jaxplan.model.scenario import Scenario, known_until, paths, seen_from
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.time_shift import later, later_goal
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone
 from jaxplan.planner.entry_points import as_filed
+from jaxplan.planner.messages import FOR_LONGER
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.steps import find_goals
-from jaxplan.planner.validity import start_breaches
+from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.arguments import expect, expect_any, floats, several
 from jaxplan.runtime.display import shown
 from jaxplan.schema import with_settings
@@ -86,7 +88,12 @@ class SlewProblem:
         fixed = [None if goal.moves else _find_state(quiet, goal) for goal in self.goals]
         return tuple(
             tuple(
-                _find_state(scene, later_goal(goal, float(time))) if own is None else own
+                (
+                    _hidden_at(self.scene, goal, float(time))
+                    or _find_state(scene, later_goal(goal, float(time)))
+                )
+                if own is None
+                else own
                 for goal, own in zip(self.goals, fixed, strict=True)
             )
             for scene, time in zip(self.scenes, self.times, strict=True)
@@ -139,6 +146,20 @@ class SlewProblem:
             return self.unmet(departure, goal, goal)
         broken = start_breaches(replace(self.scenes[departure], start=state, goal=state))
         return Unmet("INVALID_START", f"{self.names[goal]}: {'; '.join(broken)}") if broken else None
+
+
+def _hidden_at(scene: Scenario, goal: GivenState | Targets, time: float) -> Unmet | None:
+    """Say that targets of a goal are hidden at a departure, s, and which one to take; None if all are seen.
+
+    Times are those of the scene, as departures are, and not those of a slew, whose duration helps nothing.
+    """
+    asked = replace(scene, goal=goal)
+    unseen = hidden_targets(asked, time, "at the departure")
+    if not unseen:
+        return None
+    seen, (known, _) = seen_from(asked, time), known_until(asked)
+    advice = f"take a departure at {rounded_up(seen)} s or later" if seen < known else FOR_LONGER
+    return Unmet("INVALID_GOAL", f"{'; '.join(unseen)}: {advice}")
 
 
 def _find_state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:

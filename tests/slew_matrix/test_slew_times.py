@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -289,6 +290,39 @@ def test_hidden_targets_have_a_reason_while_they_are_hidden():
     assert slews.status[0, 0, 1] == "INVALID_GOAL"
     assert "station, the target of telescope, is hidden by the Earth" in slews.messages[0, 0, 1]
     assert slews.certified[1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("departures", "until", "words"),
+    [
+        (
+            [0.0, 100.0],
+            250.0,
+            "at the departure, at 100 s; it is seen from 250 s on: take a departure at 250 s",
+        ),
+        (
+            None,
+            250.0,
+            "at the departure, at 0 s; it is seen from 250 s on: take a departure at 250 s or later",
+        ),
+        (
+            [100.0],
+            1e4,
+            "at the departure, at 100 s; it is not seen again in all the .* s that are known: let it",
+        ),
+    ],
+)
+def test_a_target_that_is_hidden_at_the_departure_names_the_departure_to_take(departures, until, words):
+    hidden = (jp.Hidden(target="station", by="the Earth", start=-10.0, end=until),)
+    goals = {"station": jp.Targets.of({"telescope": replace(moved(0.05, 20), hidden=hidden)})}
+    problem = make_problem(
+        PLAIN, goals, zones={"keep_out": (), "keep_in": (), "joint_bounds": ()},
+        departures=departures, start=None, free=False, settings=None,
+    )  # fmt: skip
+    state = problem.states[-1][0]
+    assert state.status == "INVALID_GOAL"
+    assert re.search(words, state.message), state.message
+    assert "duration" not in state.message.split("known: ")[0]
 
 
 def test_a_later_scene_has_a_later_epoch():
