@@ -229,7 +229,7 @@ def plan_constellation(
         TypeError, ValueError, StudyFolderError, RuntimeError: see `run_study`.
 
     Example:
-        >>> result = jp.plan_constellation(jp.link_switch(jp.walker("52:48/8/1", 1414.0)))
+        >>> result = jp.plan_constellation(jp.link_switch(jp.walker("53:96/12/1", 1414.0)))
         >>> print(result.summary())
     """
     expect("switch", switch, LinkSwitch, "jp.link_switch makes one of a shell")

@@ -47,6 +47,7 @@ _COLOUR_QUANTILE = 0.99  # fraction of the satellites, by rising time, whose tim
 _AXIS_CUT_RATIO = 1.5  # multiple of the longest of these times: beyond it the axis is cut, which is written
 _MAX_DRAWN_PLANES = 12  # largest number of planes whose orbits are drawn as lines
 _BINS = 28  # of the histogram
+_LEAST_SPAN = 0.05  # fraction of the longest time that the histogram spans at least
 _EYE_OFFSET = np.deg2rad((-65.0, 20.0))  # rad: azimuth from the Sun's and elevation of the eye
 
 
@@ -86,7 +87,7 @@ def constellation(
     if not len(result.planned):
         raise ValueError("there are no satellites to draw yet")
     globe, histogram = panels(ax, 2, _SIZE, columns=2, widths=(1.45, 1.0), shared=False)
-    known = result.duration[np.isfinite(result.duration)]
+    known = _certified_times(result)
     norm = (
         Normalize(np.min(known), np.quantile(known, _COLOUR_QUANTILE)) if len(known) else Normalize(0.0, 1.0)
     )
@@ -194,15 +195,17 @@ def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float
 def _draw_histogram(
     axes: Axes, result: Constellation, minimum: Constellation | None, norm: Normalize
 ) -> Entries:
-    """Draw the histogram of manoeuvre times, s, in percent of the satellites; returns legend entries."""
+    """Draw the histogram of certified manoeuvres' times, s, in percent of them; returns legend entries."""
     tidy(axes)
-    times = result.duration[np.isfinite(result.duration)]
-    shortest = np.zeros(0) if minimum is None else minimum.duration[np.isfinite(minimum.duration)]
+    times = _certified_times(result)
+    shortest = np.zeros(0) if minimum is None else _certified_times(minimum)
     entries: Entries = []
     if len(times):
         most = np.quantile(times, _COLOUR_QUANTILE)
         end = np.max(times) if np.max(times) <= _AXIS_CUT_RATIO * most else 1.15 * most
-        edges = np.linspace(min(np.min(times), np.min(shortest, initial=np.inf)), end, _BINS + 1)
+        low = min(np.min(times), np.min(shortest, initial=np.inf))
+        beside = max(_LEAST_SPAN * end - (end - low), 0) / 2  # bars of equal times need a width
+        edges = np.linspace(low - beside, end + beside, _BINS + 1)
         colours = colormaps[_COLOUR_MAP](norm((edges[1:] + edges[:-1]) / 2))
         look: Look = {"align": "edge", "color": colours, "edgecolor": "white", "linewidth": 0.4}
         axes.bar(edges[:-1], _bin_percentages(times, edges), width=np.diff(edges), **look)
@@ -235,6 +238,11 @@ def _write_longer_times(axes: Axes, text: str, shares: Sequence[np.ndarray]) -> 
     axes.text(0.99, foot, text, transform=axes.get_yaxis_transform(), **look)
 
 
+def _certified_times(result: Constellation) -> np.ndarray:
+    """Return the durations (k,) of the certified manoeuvres, s; those that failed have some as well."""
+    return result.duration[np.isfinite(result.duration) & result.certified]
+
+
 def _bin_percentages(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Return the percentage (b,) of all times (k,) that falls in each bin between edges (b + 1,)."""
     return 100 * np.histogram(times, edges)[0] / len(times)
@@ -243,4 +251,5 @@ def _bin_percentages(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _describe_times(result: Constellation, times: np.ndarray) -> str:
     """Return the legend text of a histogram of times (k,), s: setting of the duration, count and median."""
     word = result.study.settings.get("trajectory.duration_s", "stretched")
-    return f"{word}: {len(times)} satellites,\nmedian {np.median(times):.1f} s"
+    asked = word if isinstance(word, str) else f"{word:g} s"
+    return f"{asked}: {len(times)} satellite{'s' * (len(times) != 1)},\nmedian {np.median(times):.1f} s"

@@ -1,5 +1,6 @@
 """Links, starts and zones of a constellation against closed forms, and the planning of a small shell."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.constellation import relay_spacecraft
 from jaxplan.constellation.links import CLEARANCE, waiting_directions
-from jaxplan.constellation.switch import nominal_attitudes
+from jaxplan.constellation.switch import LinkSwitch, nominal_attitudes
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.goals import Targets
@@ -245,6 +246,14 @@ def test_links_kept_through_the_sun_are_counted_as_invalid():
     assert Counter(result.status) == result.summary().statuses
 
 
+def test_the_switches_of_docstrings_can_be_made():
+    for of in (jp.plan_constellation, jp.link_switch):
+        notation, altitude = re.search(
+            r'jp\.walker\("(.*?)", ([\d.]+)\)', of.__doc__.split("Example:")[1]
+        ).groups()
+        assert isinstance(jp.link_switch(jp.walker(notation, float(altitude))), LinkSwitch)
+
+
 # what is wrong is named
 
 
@@ -312,6 +321,30 @@ def test_the_figure_shows_every_satellite_in_front_and_the_shares_of_all(planned
     assert "36 of 36" in histogram.get_title(loc="left")
     with pytest.raises(ValueError, match="2 panels"):
         jp.plot.constellation(planned, globe)
+
+
+@pytest.mark.parametrize(
+    ("satellites", "duration", "text"),
+    [([0], 120.0, "120 s: 1 satellite,"), ([0, 7], 120.0, "120 s: 2 satellites,"), ([0, 7], 20.0, None)],
+)
+def test_the_histogram_shows_equal_times_and_none_of_failed_plans(switch, satellites, duration, text):
+    settings = {"trajectory.duration_s": duration}
+    result = jp.plan_constellation(switch, satellites=satellites, settings=settings, progress=False)
+    np.testing.assert_array_equal(result.duration, duration)  # failed plans have one, too
+    np.testing.assert_array_equal(result.certified, text is not None)
+    _, histogram = jp.plot.constellation(result, Figure())
+    told = [one.get_text() for one in histogram.get_legend().get_texts()]
+    bars = [bar for bar in histogram.patches if bar.get_height() > 0]
+    if text is None:
+        assert not bars
+        assert told == ["no certified plan"]
+        return
+    assert told[0].startswith(text)
+    (bar,) = bars
+    assert bar.get_height() == pytest.approx(100)
+    assert bar.get_x() <= duration <= bar.get_x() + bar.get_width()
+    low, high = histogram.get_xlim()
+    assert bar.get_width() > 0.01 * (high - low)
 
 
 @pytest.mark.parametrize("highest", [7.0, 40.0])
