@@ -259,7 +259,7 @@ def atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
         system: their time system, one of `_TIME_SYSTEMS`.
 
     Raises:
-        EphemerisError: (a ValueError) for text that is not a date.
+        EphemerisError: (a ValueError) for text that is not a date, or a day that its year does not have.
     """
     midnights, seconds = [], []
     for date in dates:
@@ -268,7 +268,10 @@ def atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
             raise EphemerisError(f"{date!r}: must be a time such as 2026-01-01T00:00:00.0")
         year, month, day, of_year, hour, minute, second = found.groups()
         first = parse_epoch(f"{year}-{month or '01'}-{day or '01'}").astype("datetime64[D]")
-        midnights.append(first + np.timedelta64(int(of_year or 1) - 1, "D"))
+        midnight = first + np.timedelta64(int(of_year or 1) - 1, "D")
+        if midnight.astype("datetime64[Y]") != first.astype("datetime64[Y]"):
+            raise EphemerisError(f"{date!r}: the year {year} has no day {of_year}")
+        midnights.append(midnight)
         seconds.append(int(hour) * 3600 + int(minute) * 60 + float(second))
     ahead = {day: -leaps(day) if system == "UTC" else _AHEAD_OF_TAI[system] for day in set(midnights)}
     return np.array(midnights), np.array(seconds) - [ahead[day] for day in midnights]

@@ -160,6 +160,9 @@ def parse_tle(text: str) -> Tle:
     epoch = None if faults else _read_epoch(pair[1])
     if epoch is not None and epoch < np.datetime64("1972-01-01"):
         faults.append(f"line 1, columns 19 to 20 (year of the epoch) = {pair[1][18:20]!r}: before 1972")
+    if epoch is not None and epoch.astype("datetime64[Y]") != _read_year(pair[1]):
+        place = f"line 1, columns 21 to 32 (day of the epoch) = {pair[1][20:32]!r}"
+        faults.append(f"{place}: must be below 366, since {_read_year(pair[1])} has 365 days")
     if faults or epoch is None:
         raise TleError(*faults)
     name = lines[0].removeprefix("0 ").strip() if len(lines) == 3 else ""
@@ -199,13 +202,19 @@ def _line_faults(number: int, line: str) -> list[str]:
     return faults
 
 
+def _read_year(line: str) -> np.datetime64:
+    """Return the year of the epoch of line 1."""
+    year = int(line[18:20])
+    return np.datetime64(
+        year - 1970 + (1900 if year >= 57 else 2000), "Y"
+    )  # the first satellite flew in 1957
+
+
 def _read_epoch(line: str) -> np.datetime64:
     """Return the epoch, UTC, of line 1, to its last digit of 1e-8 days."""
-    year = int(line[18:20])
-    year += 1900 if year >= 57 else 2000  # the first satellite flew in 1957
     whole, fraction = line[20:32].split(".")
     since = (int(whole) - 1) * 86_400_000_000_000 + int(fraction) * 864_000
-    return np.datetime64(year - 1970, "Y").astype("datetime64[ns]") + np.timedelta64(since, "ns")
+    return _read_year(line).astype("datetime64[ns]") + np.timedelta64(since, "ns")
 
 
 def tle_state(tle: Tle, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

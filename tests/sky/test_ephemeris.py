@@ -255,6 +255,7 @@ def test_segments_are_interpolated_each_by_itself_within_its_useable_times(tmp_p
         ("CCSDS_OEM_VERS", "CCSDS_OPM_VERS", "no Orbit Ephemeris Message"),
         ("2026-06-20T09:35:00 ", "2026-06-20T09:34:00 ", "must be later than the one before"),
         ("2026-06-20T09:35:00 ", "2026-06-20T9:35 ", "no Orbit Ephemeris Message"),
+        ("2026-06-20T09:35:00 ", "2026-366T09:35:00 ", "'2026-366T09:35:00': the year 2026 has no day 366"),
         ("2026-06-20", "1960-06-20", "must lie in the years 1972 to 2099"),
         (
             "2026-06-20T09:35:00 ",

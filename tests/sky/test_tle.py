@@ -132,6 +132,11 @@ def test_names_epochs_and_numbers_are_read():
             TWO,
             "(day of the epoch) = '367.00000000': must lie in [1, 366.99999999]",
         ),
+        (
+            put(ONE, 19, "26366.00000000"),
+            TWO,
+            "(day of the epoch) = '366.00000000': must be below 366, since 2026 has 365 days",
+        ),
         (put(ONE, 21, "079,07757601"), TWO, "columns 21 to 32 (day of the epoch) = '079,07757601'"),
         (put(ONE, 19, "7a"), TWO, "columns 19 to 20 (year of the epoch) = '7a'"),
         (put(ONE, 19, "71"), TWO, "(year of the epoch) = '71': before 1972"),
