@@ -84,9 +84,8 @@ def _read_scenes(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
             say(f"left out: {error}")
             left += 1
     if not found:
-        raise ValueError(
-            f"{folder}: has no scenario file (.toml) that can be planned, and {left} with faults"
-        )
+        usable = f" that can be planned, and {left} with faults" if left else ""
+        raise ValueError(f"{folder}: has no scenario file (.toml){usable}")
     return found
 
 

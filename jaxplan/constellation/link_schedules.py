@@ -230,6 +230,8 @@ def _check_sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, .
         A tuple with one side for each terminal, or else a message that says what is wrong.
     """
     count = len(craft.terminals)
+    if count > len(SIDES):
+        return f"the spacecraft has {count} terminals, and there are only {len(SIDES)} sides: give a topology"
     if sides is None:
         if count in (2, 4):
             return SIDES[:count]

@@ -26,7 +26,7 @@ would not use it, and a terminal that looked along it would violate the keep-out
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import jax
@@ -164,8 +164,8 @@ class Surroundings:
 
         Returns:
             Directions (T, n, 3), inertial unit vectors, zero for a satellite's link to itself; and one
-            message for each terminal with impossible links, which describes that of the first satellite
-            concerned and counts the others. Without messages all links are possible.
+            message for each terminal and each reason why its links are impossible, which describes that of
+            the first satellite concerned and counts the others. Without messages all links are possible.
         """
         shell, positions = self.shell, self.shell.positions(self.time)
         with jax.enable_x64(True):
@@ -174,28 +174,37 @@ class Surroundings:
         cosine = np.einsum("tni,ti->tn", directions, shell.nadir(self.time))
         off_nadir = np.arccos(np.clip(cosine, -1, 1))
         itself = topology == np.arange(shell.total)[:, None]
-        blocked = ~(grazing >= self.lowest_altitude)
-        bad = itself | blocked | ~(off_nadir >= self.earth_half_angle)
-        faults = []
-        for column in np.flatnonzero(np.any(bad, axis=0)):
-            first, count = int(np.argmax(bad[:, column])), int(np.sum(bad[:, column]))
-            if itself[first, column]:
-                why = "has the satellite itself as its target"
-            elif blocked[first, column]:
-                why = (
-                    f"comes down to {grazing[first, column]:.0f} km, "
+        blocked = ~(grazing >= self.lowest_altitude) & ~itself
+        inside = ~(off_nadir >= self.earth_half_angle) & ~itself & ~blocked
+        cone = np.rad2deg(self.earth_half_angle)
+        reasons: tuple[tuple[np.ndarray, Callable[[tuple[int, int]], str]], ...] = (
+            (itself, lambda _: "has the satellite itself as its target"),
+            (
+                blocked,
+                lambda link: (
+                    f"comes down to {grazing[link]:.0f} km, "
                     f"below lowest_altitude = {self.lowest_altitude:g} km"
-                )
-            else:
-                off, cone = np.rad2deg([off_nadir[first, column], self.earth_half_angle])
-                why = (
-                    f"is {off:.1f} deg from nadir, inside the Earth's cone of {cone:.1f} deg: "
-                    "a smaller drift_time makes that narrower"
-                )
-            more = f"; so it is with {count - 1} other satellites" if count > 1 else ""
-            link = f"{names[int(column)]} to satellite {topology[first, column]} {when} the switch"
-            place = f"satellite {first} (plane {shell.plane[first]}, slot {shell.slot[first]})"
-            faults.append(f"{place}, {link}: the link {why}{more}")
+                ),
+            ),
+            (
+                inside,
+                lambda link: (
+                    f"is {np.rad2deg(off_nadir[link]):.1f} deg from nadir, inside the Earth's "
+                    f"cone of {cone:.1f} deg: a smaller drift_time makes that narrower"
+                ),
+            ),
+        )
+        faults = []
+        for column, name in enumerate(names):
+            for bad, why in reasons:
+                concerned = np.flatnonzero(bad[:, column]).tolist()
+                if not concerned:
+                    continue
+                first, others = concerned[0], len(concerned) - 1
+                more = f"; so it is with {others} other satellite{'s' * (others > 1)}" if others else ""
+                link = f"{name} to satellite {topology[first, column]} {when} the switch"
+                place = f"satellite {first} (plane {shell.plane[first]}, slot {shell.slot[first]})"
+                faults.append(f"{place}, {link}: the link {why((first, column))}{more}")
         return directions, faults
 
     def in_the_sun(self, directions: np.ndarray) -> np.ndarray:

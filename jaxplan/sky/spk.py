@@ -136,7 +136,8 @@ def _read_segments(spice: Any, file: str, place: int) -> list[Segment]:
     except spice.exceptions.SpiceyError as error:
         raise EphemerisError(f"{file}: no SPK kernel ({_error_words(error)})") from error
     if tuple(kind) != ("DAF", "SPK"):
-        raise EphemerisError(f"{file}: no SPK kernel but {' '.join(kind)}")
+        known = "" if "?" in kind else f" but {' '.join(kind)}"  # SPICE's mark of what it does not know
+        raise EphemerisError(f"{file}: no SPK kernel{known}")
     found = []
     with _open_kernels(spice, [file]) as (handle,):
         spice.dafbfs(handle)
@@ -286,5 +287,6 @@ def _chained_states(
 
 
 def _tdb_date(moment: float) -> str:
-    """Return an ephemeris time as a date of TDB."""
-    return str(np.datetime64("2000-01-01T12:00:00", "s") + np.timedelta64(round(moment), "s"))
+    """Return an ephemeris time as a date of TDB, to the microsecond without zeros at its end."""
+    date = str(np.datetime64("2000-01-01T12:00:00", "us") + np.timedelta64(round(moment * 1e6), "us"))
+    return date.rstrip("0").rstrip(".")

@@ -38,7 +38,7 @@ from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.arguments import expect, expect_any, floats, several
 from jaxplan.runtime.display import shown
-from jaxplan.schema import with_settings
+from jaxplan.schema import ScenarioError, with_settings
 from jaxplan.schema.reading import checked_spacecraft
 
 AnyZone = TypeVar("AnyZone", KeepOut, KeepIn, JointBound)
@@ -272,12 +272,30 @@ def _make_scene(
         if given:
             raise ValueError(f"{given[0]}: the scenario has zones of its own; give these to it")
         reference = problem.start if start is None else start
-        return as_filed("problem", replace(problem, start=reference, goal=reference))
+        return _checked("problem", replace(problem, start=reference, goal=reference))
     craft = checked_spacecraft(problem)
     rest = np.clip(np.zeros(craft.joint_count), *craft.joint_ranges.T)
     reference = GivenState(rotation_vector=np.zeros(3), joints=rest) if start is None else start
-    scene = Scenario(name="slew times", spacecraft=craft, start=reference, goal=reference, **every)
-    return as_filed("the arguments", scene)
+    return _checked(
+        "the scene", Scenario(name="slew times", spacecraft=craft, start=reference, goal=reference, **every)
+    )
+
+
+def _checked(name: str, scene: Scenario) -> Scenario:
+    """Check a scene whose goal is its start; faults of this goal are left out, which nobody gave.
+
+    Args:
+        name: of the scene, for messages.
+        scene: with a start in place of its goal.
+
+    Raises:
+        ScenarioError: for values that a scenario file may not have, with every fault.
+    """
+    try:
+        return as_filed(name, scene)
+    except ScenarioError as error:
+        own = [one for one in error.faults if not one.startswith("goal.")]
+        raise ScenarioError(own or error.faults, name) from error
 
 
 def _name_goals(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:

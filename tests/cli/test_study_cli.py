@@ -126,7 +126,7 @@ def test_the_scenario_files_of_a_folder_are_a_study_of_their_own(capsys, tmp_pat
         assert said in err
     empty = tmp_path / "empty"
     empty.mkdir()
-    for place, said in ((empty, "has no scenario file"), (tmp_path / "absent", "must be a folder")):
+    for place, said in ((empty, "has no scenario file (.toml)\n"), (tmp_path / "absent", "must be a folder")):
         code, _, err = run(capsys, "study", place)
         assert code == 2
         assert said in err

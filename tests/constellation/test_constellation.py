@@ -280,6 +280,21 @@ def test_a_switch_that_cannot_be_is_refused(options, words):
         assert word in str(raised.value)
 
 
+def test_links_that_are_impossible_for_different_reasons_are_counted_apart(switch):
+    itself, ahead = np.arange(36)[:, None], switch.before.copy()
+    ahead[:5] = itself[:5]
+    ahead[20:22, 1] = SMALL.neighbours(0, 3)[20:22]  # on the other side of the Earth
+    with pytest.raises(jp.ScenarioError) as raised:
+        jp.link_switch(SMALL, before=ahead)
+    told = raised.value.faults
+    assert len(told) == 4
+    own = [fault for fault in told if "the satellite itself as its target; so it is with 4 other" in fault]
+    assert [fault.split(",")[2].split(" to ")[0] for fault in own] == [" fore", " aft", " cross"]
+    (low,) = (fault for fault in told if "comes down to" in fault)
+    assert low.startswith("satellite 20 (plane 3, slot 2), aft to satellite 23 before the switch: ")
+    assert low.endswith("; so it is with 1 other satellite")
+
+
 def test_shells_that_have_no_such_links_are_refused():
     with pytest.raises(ValueError, match="planes = 5: must be even"):
         jp.link_switch(ODD)

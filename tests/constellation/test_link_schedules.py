@@ -1,5 +1,6 @@
 """Schedules of links against the geometry of circular orbits, written anew here."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -168,6 +169,12 @@ def test_two_planes_or_two_terminals_have_no_cross_links():
 NONE = np.full((1, 240, 4), -1)
 
 
+FIVE = replace(
+    relay_spacecraft(4),
+    terminals=(*relay_spacecraft(4).terminals, replace(relay_spacecraft(4).terminals[0], name="fifth")),
+)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -183,6 +190,8 @@ NONE = np.full((1, 240, 4), -1)
         ({"sides": ("fore", "aft", "up", "left")}, ["sides", "names of fore, aft, right, left"]),
         ({"spacecraft": relay_spacecraft(3)}, ["3 terminals", "give sides"]),
         ({"spacecraft": relay_spacecraft(3), "sides": ("fore", "aft", "left")}, ["both or none"]),
+        ({"spacecraft": FIVE}, ["has 5 terminals, and there are only 4 sides: give a topology"]),
+        ({"spacecraft": FIVE, "sides": ("fore", "aft")}, ["only 4 sides: give a topology"]),
         ({"topology": NONE}, ["a pair (times, links)"]),
         ({"topology": ([0.0, 1.0], NONE)}, ["(1, 240, 4)", "(2, 240, 4)"]),
         ({"topology": ([1.0], NONE)}, ["times", "from 0"]),

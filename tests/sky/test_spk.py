@@ -1,5 +1,6 @@
 """Ephemeris kernels against CSPICE's own reader, and against the orbits that they were made of."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -141,9 +142,14 @@ def test_what_a_user_has_loaded_neither_counts_nor_changes(kernels, start):
 def test_nothing_is_told_beyond_what_kernels_know(kernels):
     craft, other = (sky.read_spk(kernels["craft"], number) for number in (CRAFT, OTHER))
     for thing, asked in ((craft, -1e-5), (craft, [1.0, 3600.01]), (other, 1100.0)):
-        with pytest.raises(sky.EphemerisError, match=r"asked for 20.*, is known in \[2016-12-31T23:41:08"):
+        with pytest.raises(sky.EphemerisError, match=r"asked for 20.*, is known in \[20") as raised:
             sky.positions(thing, epoch=EPOCH, times=asked)
-    with pytest.raises(sky.EphemerisError, match=r":08, 2016-12-31T23:57:48\] and \[2017-01-01T00:01:08"):
+        told, *ends = re.findall(r"2\d{3}-[^], ]*", str(raised.value))
+        spans = zip(ends[::2], ends[1::2], strict=True)
+        assert not any(
+            np.datetime64(first) <= np.datetime64(told) <= np.datetime64(last) for first, last in spans
+        )
+    with pytest.raises(sky.EphemerisError, match=r"08\.\d+, 2016-12-31T23:57:48\.\d+\] and \[2017-01-01"):
         sky.positions(other, epoch=EPOCH, times=1100.0)
     assert sky.positions(other, epoch=EPOCH, times=[999.0, 1201.0]).shape == (2, 3)
     before = sky.positions(craft, epoch=EPOCH, times=[1e-6, -4e-7])  # times are rounded, so it gives way
@@ -183,7 +189,7 @@ def test_kernels_that_do_not_do_are_refused(kernels, tmp_path, start):
         (kernels["planets"], EARTH, "number = 399: is the Earth"),
         (kernels["planets"], "MARS", "number = 'MARS': must be a whole number"),
         ([], CRAFT, "paths: must name a kernel"),
-        (paper, CRAFT, "paper.bsp: no SPK kernel"),
+        (paper, CRAFT, "paper.bsp: no SPK kernel$"),
         (wheel, CRAFT, "ck.bsp: no SPK kernel but DAF CK"),
         (turning, CRAFT, "axes number 13000 of -999 are not known to be inertial"),
     ):

@@ -468,6 +468,18 @@ def test_bad_arguments_are_refused_by_name(arguments, error, message):
         times_of(**arguments)
 
 
+@pytest.mark.parametrize("problem", [PLAIN, "scenario"])
+def test_a_wrong_start_is_told_once_and_no_goal_that_nobody_gave(problem):
+    wrong = jp.GivenState(rotation_vector=[0, 0, 0], joints=[0, 0, 0])
+    if problem == "scenario":
+        right = jp.GivenState(rotation_vector=[0, 0, 0], joints=[])
+        problem = jp.Scenario(name="scene", spacecraft=PLAIN, start=right, goal=right)
+    with pytest.raises(jp.ScenarioError) as raised:
+        jp.slew_times(problem, {"star": {"telescope": toward(40, 30)}}, start=wrong)
+    (fault,) = raised.value.faults
+    assert fault.startswith("start.joints")
+
+
 def test_bad_problems_and_places_are_refused_by_name(slews):
     with pytest.raises(TypeError, match="problem must be a Spacecraft or a Scenario, not str"):
         jp.slew_times("craft", GOALS)
