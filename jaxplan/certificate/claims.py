@@ -146,6 +146,11 @@ class Certificate:
     faults: tuple[str, ...]
     evaluations: int = 0
 
+    @property
+    def evaluated(self) -> bool:
+        """Whether the trajectory was evaluated; if not, what was claimed has faults that no setting mends."""
+        return self.evaluations > 0
+
     def rows(self) -> list[tuple[str, str]]:
         """Return what is proved as (label, value) pairs for a table."""
         rows = [("certified", "yes, at every instant" if self.certified else "no: not certified")]

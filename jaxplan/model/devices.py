@@ -6,7 +6,7 @@ it points. A terminal's own axes are its boresight at zero angles, the direction
 x boresight), and its yaw axis.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import jax
@@ -21,7 +21,7 @@ from jaxplan.runtime.display import shown
 NEAREST_TO_POLE = np.deg2rad(0.1)
 """rad; a pitch stays this far from 90 deg, where the yaw loses its meaning, whatever its range says."""
 
-
+_SQUARE_TOLERANCE = 8 * np.finfo(float).eps  # cosine of an angle that is a right one to rounding
 _MAX_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 - NEAREST_TO_POLE])
 
 
@@ -35,7 +35,7 @@ class Mount:
         yaw_axis: (3,) unit vector in body axes about which the yaw turns (counter-clockwise seen from its
             tip); a rising pitch lifts the boresight towards it.
         boresight: (3,) unit vector in body axes along which the terminal points when both angles are zero. It
-            is at right angles to the yaw axis.
+            is at right angles to the yaw axis; one that is so to 0.057 deg is made `squared` when it is read.
     """
 
     yaw_axis: np.ndarray = field(
@@ -46,6 +46,19 @@ class Mount:
             "boresight", "where it points at zero angles, at right angles to the yaw axis", kind="unit vector"
         )
     )
+
+    @property
+    def squared(self) -> "Mount":
+        """The mount with its boresight turned, in the plane of both vectors, to an exact right angle.
+
+        It has the same `Terminal.frame`. A mount whose vectors are at right angles to rounding is returned as
+        it is, so that its numbers keep their bits. Both must be unit vectors, of numpy.
+        """
+        cosine = np.dot(self.yaw_axis, self.boresight)
+        if abs(cosine) <= _SQUARE_TOLERANCE:
+            return self
+        across = self.boresight - cosine * self.yaw_axis
+        return replace(self, boresight=across / np.linalg.norm(across))
 
 
 @shown(

@@ -34,6 +34,8 @@ def uncertified(certificate: Certificate, scenario: Scenario, duration: float) -
     told = "; ".join(certificate.faults)
     if certificate.faults and set(certificate.faults) <= set(lasting_faults(scenario, duration)):
         return told  # which have said what to change
+    if not certificate.evaluated:
+        return told  # another search would lead to the same
     beyond = {name: peak for name, peak in certificate.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
     angles = {name: peak for name, peak in beyond.items() if _QUANTITIES_BY_NAME[name].power == 0}
     loads = {_QUANTITIES_BY_NAME[name]: peak for name, peak in beyond.items() if name not in angles}

@@ -27,7 +27,7 @@ ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bou
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
 AGAINST = 0.01  # fraction of its limit by which the fullest wheel may hold more than it has to
 _DEVICE_ATTRIBUTES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
-SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
+SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; `Mount.squared` makes it exact
 APART = np.deg2rad(
     1.0
 )  # rad, least angle between a drive's boresight and its axis, which it would not move on

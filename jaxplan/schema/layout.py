@@ -8,6 +8,7 @@ directions that is in `directions`, for start and goal in `states`; kinds of val
 
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
@@ -38,7 +39,7 @@ def _check_terminal(terminal: Terminal, place: Place) -> None:
     check_field(terminal, place, FORWARD)
 
 
-MOUNT = declared(Mount, check=check_mount)
+MOUNT = declared(Mount, check=check_mount, exact=attrgetter("squared"))
 TERMINAL = declared(Terminal, check=_check_terminal)
 DRIVE = declared(Drive, check=check_drive)
 INSTRUMENT = declared(Instrument, check=check_field)

@@ -78,6 +78,8 @@ class Table(Kind):
         make: makes the object from what was read, by attribute; None for the class itself.
         split: returns what is written of an object, by attribute; by default all of its attributes.
         check: notes what does not go together in an object that was read; None for nothing.
+        exact: returns what stands for an object whose numbers were read, where a few digits cannot say it
+            exactly; None for the object itself.
         refused: keys that are refused, each with its reason.
     """
 
@@ -87,14 +89,19 @@ class Table(Kind):
     make: Callable[[dict[str, Any], Place], Any] | None = None
     split: Callable[[Any], Mapping[str, Any]] = vars
     check: Callable[[Any, Place], None] | None = None
+    exact: Callable[[Any], Any] | None = None
     refused: Mapping[str, str] = field(default_factory=dict)
 
     wanted = "a table"
 
     def read(self, value: Any, place: Place) -> Any:
         read = self._read_object(value, place) if place.reading.python else self._read_table(value, place)
-        if self.check is not None and read is not WRONG:
+        if read is WRONG:
+            return WRONG
+        if self.check is not None:
             self.check(read, place)
+        if self.exact is not None and all(part is not WRONG for part in vars(read).values()):
+            return self.exact(read)
         return read
 
     def _read_table(self, value: Any, place: Place) -> Any:

@@ -143,7 +143,7 @@ class Departure:
             if proof.certified or not _peak_over_limit(proof, _RATE_NAMES) > 1:
                 break
         if not proof.certified:
-            text = f"{'; '.join(faults_later(proof, self.time))}: {_OTHER_ADVICE}"
+            text = _tell_faults(faults_later(proof, self.time), proof)
             blocked = proof.min_margin is None or not proof.min_margin >= 0
             return Slew(
                 status=Status.UNCERTIFIED, message=text, duration=made.duration, blocked=blocked, proof=proof
@@ -290,7 +290,7 @@ class Departure:
             if np.isfinite(own.stretch):
                 return too_tight(trajectory.duration, own, enough, "")
         if isinstance(found, Plan) and found.certificate is not None:
-            return f"{'; '.join(found.certificate.faults)}: {_OTHER_ADVICE}"
+            return _tell_faults(found.certificate.faults, found.certificate)
         reason, of_settings, _ = found.message.partition(": set trajectory")
         return f"{reason}: {_OTHER_ADVICE}" if of_settings else reason
 
@@ -352,6 +352,12 @@ _EASING_FACTOR = 1.5  # times the excess over a limit: by so much limits are low
 _MAX_EASED_PEAK = 1.1  # peak over its limit above which the slew is not fitted again
 _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND_FIELDS = ("attitude", "joints", "velocity", "rates")
+
+
+def _tell_faults(faults: Sequence[str], proof: Certificate) -> str:
+    """Return text on the faults of a slew's certificate, with advice if its trajectory was evaluated."""
+    told = "; ".join(faults)
+    return f"{told}: {_OTHER_ADVICE}" if proof.evaluated else told
 
 
 def _peak_over_limit(proof: Certificate | None, names: Sequence[str]) -> float:

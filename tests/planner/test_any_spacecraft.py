@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from builders import make_scenario
 from dense import breaches
 from reference import assert_each, state_margins
 from scipy.spatial.transform import Rotation
@@ -17,6 +18,14 @@ from jaxplan.model.zones import KeepOut
 
 FEW = (52, 33, 12, 43)  # of two builds
 MANY = 24
+DRIVE = jp.Drive(
+    name="array",
+    axis=[0.7071, 0.7071, 0.0],
+    boresight=[0.0, 0.8165, 0.5774],
+    range=[-1.0, 1.0],
+    rate_limit=0.01,
+    acceleration_limit=0.002,
+)
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +132,30 @@ def test_the_check_sees_whatever_is_broken(plans):
     assert any("is not held" in one for one in found(goal=replace(scenario.goal, hold=(name,))))
     start = replace(scenario.start, joints=scenario.start.joints + 1e-6)
     assert any("the start is missed" in one for one in found(start=start))
+
+
+def test_a_spacecraft_typed_with_four_digits_is_certified():
+    scenario = make_scenario(1, 1)
+    (terminal,), (camera,) = scenario.spacecraft.terminals, scenario.spacecraft.instruments
+    mount = jp.Mount(yaw_axis=[0.5774, 0.5774, 0.5774], boresight=[0.8165, -0.4082, -0.4082])
+    field = {"field_of_view": [0.2, 0.1], "up": [0.0009, 0.0, 1.0]}
+    craft = replace(
+        scenario.spacecraft,
+        terminals=(replace(terminal, mount=None, mounting=mount, **field),),
+        drives=(DRIVE,),
+        instruments=(replace(camera, boresight=[0.5774, 0.5774, 0.5774]),),
+    )
+    goal, start = (
+        replace(end, joints=[*end.joints, 0.0], joint_rates=None) for end in (scenario.goal, scenario.start)
+    )
+    zone = jp.KeepOut(
+        name="sun",
+        direction=[-0.5774, -0.5774, 0.5774],
+        half_angle=0.05,
+        devices=[terminal.name],
+        outside="field_of_view",
+    )
+    plan = jp.plan(
+        replace(scenario, spacecraft=craft, start=start, goal=goal, keep_out=[zone]), progress=False
+    )
+    assert plan.certificate.certified

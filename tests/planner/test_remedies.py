@@ -12,7 +12,7 @@ from jaxplan.certificate import Certificate
 from jaxplan.planner.remedies import uncertified
 
 LASTS = 80.0  # s
-FAULT = Certificate(certified=False, faults=("odd",))
+FAULT = Certificate(certified=False, faults=("odd",), evaluations=1000)
 
 
 def advice(certificate: Certificate, scenario: jp.Scenario | None = None) -> list[str]:
@@ -102,3 +102,8 @@ def test_a_zone_that_does_not_last_says_what_to_change_and_nothing_else_is():
     scenario = replace(jp.paper_case(2), keep_out=(zone,))
     fault = "zone sun is known for 3 s, and the motion takes 80 s: raise lasts_s, or sky.for_duration_s"
     assert uncertified(Certificate(certified=False, faults=(fault,)), scenario, LASTS) == fault
+
+
+def test_what_is_wrong_with_the_form_of_a_claim_asks_for_no_other_try():
+    fault = "the boresight of camera is no unit vector to 1e-06"
+    assert uncertified(Certificate(certified=False, faults=(fault,)), jp.paper_case(2), LASTS) == fault

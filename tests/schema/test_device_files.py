@@ -2,12 +2,15 @@
 
 import copy
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import jaxplan as jp
 import jaxplan.schema as sc
 from jaxplan.model.devices import NEAREST_TO_POLE
+from jaxplan.schema.reading import take_in
 
 OBSERVER = tomllib.loads("""
 schema_version = 1
@@ -85,6 +88,33 @@ def test_writing_and_reading_again_gives_the_same():
     again = sc.parse_scenario(text)
     assert again == scenario
     assert sc.dump_scenario(again) == text
+
+
+ROUNDED = {"yaw_axis": [0.5774, 0.5774, 0.5774], "boresight": [0.8165, -0.4082, -0.4082]}
+
+
+def test_a_mount_typed_with_four_digits_is_read_with_an_exact_right_angle():
+    (terminal,) = sc.scenario_from_dict(changed(TERMINAL + "mount", ROUNDED)).spacecraft.terminals
+    mount, given = terminal.mounting, jp.Mount(**{key: np.array(value) for key, value in ROUNDED.items()})
+    assert abs(mount.yaw_axis @ mount.boresight) < 1e-15
+    np.testing.assert_allclose(np.linalg.norm([mount.yaw_axis, mount.boresight], axis=1), 1, atol=1e-15)
+    np.testing.assert_allclose(terminal.frame, replace(terminal, mounting=given).frame, atol=1e-15)
+
+
+def test_a_mount_that_was_made_exact_is_read_back_to_the_bit():
+    for axis, other in np.random.default_rng(0).normal(size=(300, 2, 3)):
+        up = axis / np.linalg.norm(axis)
+        ahead = np.cross(up, other)
+        given = {
+            "yaw_axis": up.round(4).tolist(),
+            "boresight": (ahead / np.linalg.norm(ahead)).round(4).tolist(),
+        }
+        scenario = sc.scenario_from_dict(changed(TERMINAL + "mount", given))
+        mount = scenario.spacecraft.terminals[0].mounting
+        assert abs(mount.yaw_axis @ mount.boresight) < 1e-15
+        again = sc.scenario_from_dict(sc.scenario_to_dict(scenario))
+        assert again == scenario
+        assert take_in(scenario) == scenario
 
 
 def test_devices_that_joints_deg_leaves_out_are_at_zero_or_the_nearest_in_range():
