@@ -150,9 +150,7 @@ def full_at_goal(problem: FitProblem) -> Fit | None:
     array, body = problem.spacecraft.wheel_array, problem.body
     if array is None:
         return None
-    total = problem.attitudes[-1].T @ problem.attitudes[0] @ body.total
-    motion = Kinematics(spin=(problem.rates[1, :3],), inertia=body.inertia, total=total, array=array)
-    held = np.abs(motion.wheel_momenta)
+    held = np.abs(_motion_at_end(problem, 1).wheel_momenta)
     shares = held / array.momentum
     if not np.any(shares > 1 + _FULL_TOLERANCE):
         return None
@@ -174,18 +172,8 @@ def overloaded_at_an_end(problem: FitProblem) -> Fit | None:
     """
     if not (problem.rests and problem.at_speed):
         return None
-    body, craft = problem.body, problem.spacecraft
     for end, place in enumerate(("start", "goal")):
-        attitude, joints, rates = (own[-end] for own in (problem.attitudes, problem.joints, problem.rates))
-        motion = Kinematics(
-            spin=(rates[:3], np.zeros(3), np.zeros(3)),
-            joints=(joints, rates[3:], np.zeros(len(joints))),
-            drives=len(craft.drives),
-            inertia=body.inertia,
-            total=None if body.total is None else attitude.T @ problem.attitudes[0] @ body.total,
-            array=body.array,
-            stages=body.stages,
-        ).known
+        motion = _motion_at_end(problem, end)
         loads = [limit for limit in problem.limits if limit.quantity.power == _TORQUE_POWER]
         shares = {
             name: float(share)
@@ -194,7 +182,7 @@ def overloaded_at_an_end(problem: FitProblem) -> Fit | None:
         }
         name = max(shares, key=shares.__getitem__, default="")
         if shares and shares[name] > 1 + _FULL_TOLERANCE:
-            more = "spacecraft.wheel.stored_nms, or raise torque_nms" if body.array else "raise that limit"
+            more = "spacecraft.wheel.stored_nms, or raise torque_nms" if motion.array else "raise that limit"
             advice = f"lower the rates at the {place}, or {more}"
             if end and problem.horizon > 0:  # then the rates are those of targets at that time
                 advice = _RATES_ADVICE
@@ -204,6 +192,21 @@ def overloaded_at_an_end(problem: FitProblem) -> Fit | None:
             )
             return Fit(trajectory=None, status=Status.LIMITS_TOO_TIGHT, message=message, short_of="torque")
     return None
+
+
+def _motion_at_end(problem: FitProblem, end: int) -> Kinematics:
+    """The motion at the start (`end` 0) or the goal (1) of a problem, with accelerations of zero."""
+    body = problem.body
+    attitude, joints, rates = (own[-end] for own in (problem.attitudes, problem.joints, problem.rates))
+    return Kinematics(
+        spin=(rates[:3], np.zeros(3), np.zeros(3)),
+        joints=(joints, rates[3:], np.zeros(len(joints))),
+        drives=len(problem.spacecraft.drives),
+        inertia=body.inertia,
+        total=None if body.total is None else attitude.T @ problem.attitudes[0] @ body.total,
+        array=body.array,
+        stages=body.stages,
+    ).known
 
 
 def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:

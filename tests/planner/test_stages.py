@@ -7,7 +7,7 @@ import pytest
 from builders import make_observer, make_scenario
 from scipy.spatial.transform import Rotation
 from stages import exchanged, momentum, torque, with_stages
-from wheels import INERTIA, instants, numbers, random_wheels, with_wheels
+from wheels import INERTIA, instants, numbers, random_wheels, wheels, with_wheels
 
 import jaxplan as jp
 from jaxplan.trajectory.problem import FitProblem
@@ -89,8 +89,8 @@ def test_what_is_just_tighter_is_broken_and_refused(plans):
             factor = most * (1 - 1e-4)
             if craft.wheels:
                 key = {"wheel_torques": "torque", "wheel_momenta": "momentum"}[name]
-                wheels = tuple(replace(one, **{key: getattr(one, key) * factor}) for one in craft.wheels)
-                tight = replace(craft, wheels=wheels)
+                array = tuple(replace(one, **{key: getattr(one, key) * factor}) for one in craft.wheels)
+                tight = replace(craft, wheels=array)
             else:
                 tight = replace(craft, **{f"{name}_limit": getattr(craft, f"{name}_limit") * factor})
             refused = jp.certify(replace(plan, scenario=replace(plan.scenario, spacecraft=tight)))
@@ -184,3 +184,25 @@ def test_rates_at_the_ends_count_in_the_total_momentum():
     for name, most in shares(plan, 8001).items():
         assert most <= plan.certificate.peaks[name] * (1 + 1e-9)
         assert plan.certificate.peaks[name] <= 1.01 * most
+
+
+def test_what_wheels_hold_at_a_goal_in_motion_counts_what_gimbals_carry_there():
+    """A wheel that just holds it, by numpy, is enough; of one that just does not, the message tells it."""
+    scenario = wheeled(2, 80.0)
+    start = replace(scenario.start, angular_velocity=np.zeros(3), joint_rates=np.zeros(4))
+    goal = replace(
+        scenario.goal,
+        angular_velocity=np.array([0.0, 0.01, 0.0]),
+        joint_rates=np.array([-0.02, 0.01, 0.015, -0.005]),
+    )
+    craft = replace(scenario.spacecraft, wheels=wheels(np.eye(3), 1.0, 5.0))
+    scenario = replace(scenario, spacecraft=craft, start=start, goal=goal)
+    carried = momentum(craft, goal.angular_velocity[None], goal.joints[None], goal.joint_rates[None])[0]
+    alone = INERTIA @ goal.angular_velocity
+    assert abs(carried[1]) < 0.95 * abs(alone[1])
+    for share in (1.01, 0.99):
+        limits = [5.0, share * abs(carried[1]), 5.0]
+        own = replace(scenario, spacecraft=replace(craft, wheels=wheels(np.eye(3), 1.0, limits)))
+        plan = jp.plan(own, throw=False, progress=False)
+        assert plan.ok is (share > 1), plan.message
+    assert f'wheel "wheel-2" would hold {abs(carried[1]):.4g} N m s' in plan.message
