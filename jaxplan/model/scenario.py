@@ -32,6 +32,9 @@ from jaxplan.runtime.display import shown
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
+_LONGEST = "1e7"  # s, as files have it
+LONGEST_DURATION = float(_LONGEST)
+"""s, the longest duration that can be asked for, and that a plan may have."""
 _STEP_RANGE = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
 
 
@@ -146,7 +149,7 @@ class TrajectorySettings:
         STRETCHED,
         "duration_s",
         "or as short as scaling the time, or any motion, allows",
-        "[1e-3, 1e7]",
+        f"[1e-3, {_LONGEST}]",
         words={"stretched": STRETCHED, "minimum": MINIMUM},
     )
     segments: int | None = keyed(

@@ -39,7 +39,7 @@ from jaxplan.trajectory.fit import (
     within_limits,
 )
 from jaxplan.trajectory.node_times import FEWEST_NODES
-from jaxplan.trajectory.outcome import full_on_the_way
+from jaxplan.trajectory.outcome import full_on_the_way, within_longest
 from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 
 _DEFAULT_SEGMENTS = 3
@@ -78,7 +78,8 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    return fit_each(queries, _prepare, _Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
+    fits = fit_each(queries, _prepare, _Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
+    return [within_longest(*one) for one in zip(fits, queries, strict=True)]
 
 
 def _prepare(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":

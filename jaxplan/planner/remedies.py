@@ -14,7 +14,7 @@ import numpy as np
 from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
 from jaxplan.model.goals import GivenState
 from jaxplan.model.limits import QUANTITIES, Quantity, limits
-from jaxplan.model.scenario import Scenario
+from jaxplan.model.scenario import LONGEST_DURATION, Scenario
 from jaxplan.planner.proving import lasting_faults
 
 _TAPER = 0.1  # fraction of the duration, from either end, in which the path's clearance tapers off
@@ -113,6 +113,9 @@ def _load_advice(beyond: dict[Quantity, float], duration: float) -> Iterator[str
     )
     if not np.isfinite(longer) or any(quantity.lesser for quantity in beyond):
         yield f"set a longer trajectory.duration_s than {duration:.4g}"  # part of it falls more slowly
+        return
+    if longer > LONGEST_DURATION:
+        yield f"raise the limit of {' and of '.join(quantity.name.replace('_', ' ') for quantity in beyond)}"
         return
     yield f"set trajectory.duration_s = {_round_up_text(longer)}"
 

@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.model.duration_bound import excess
 from jaxplan.model.kinematics import Kinematics
+from jaxplan.model.scenario import LONGEST_DURATION
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.wheels import MINIMAX, WheelArray, row_names
@@ -22,8 +23,8 @@ from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.chart import CHART_REACH
 from jaxplan.trajectory.curve import Trajectory, total_momentum
 from jaxplan.trajectory.curve_attempts import Attempt
-from jaxplan.trajectory.fit import Fit, needed_words, too_tight
-from jaxplan.trajectory.peaks import SAFETY
+from jaxplan.trajectory.fit import Fit, FitQuery, needed_words, too_tight
+from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem
 
 NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
@@ -194,6 +195,41 @@ def overloaded_at_an_end(problem: FitProblem) -> Fit | None:
     return None
 
 
+def full_at_rest(problem: FitProblem) -> Fit | None:
+    """Make the fit, LIMITS_TOO_TIGHT, of wheels that leave a body at rest next to no momentum; else None.
+
+    They are full at the start or the goal while the body rests, and every motion is longer than
+    `LONGEST_DURATION` by its lower bound. The fit has no trajectory.
+    """
+    array = problem.body.array
+    if array is None or not problem.bound > LONGEST_DURATION:
+        return None
+    held = np.stack([np.abs(_motion_at_end(problem, end).resting_momenta) for end in (0, 1)], axis=1)
+    if not np.any(held > (1 - _FULL_TOLERANCE) * array.momentum[:, None]):
+        return None
+    phrases = _describe_fullest(problem.spacecraft, held, ["at the start", "at the goal"])
+    carried = problem.body.total - array.stored
+    return _make_full_wheels_fit(None, f"while the body rests, {phrases}", carried, array)
+
+
+def within_longest(fit: Fit, query: FitQuery) -> Fit:
+    """Return a fit, or one that is LIMITS_TOO_TIGHT where its motion is longer than `LONGEST_DURATION`.
+
+    Neither a duration in a scenario nor a plan's file can be as long.
+    """
+    curve = fit.trajectory
+    if max(0.0 if curve is None else curve.duration, fit.needed_duration or 0.0) <= LONGEST_DURATION:
+        return fit
+    if fit.short_of or curve is None:
+        return replace(fit, trajectory=None)
+    found = peaks(curve, query.spacecraft)
+    message = (
+        f"within the limit of {found.names[found.binding]} the motion takes more than "
+        f"{int(LONGEST_DURATION):,} s, the most that trajectory.duration_s may be: raise that limit"
+    )
+    return Fit(trajectory=None, status=Status.LIMITS_TOO_TIGHT, message=message)
+
+
 def _motion_at_end(problem: FitProblem, end: int) -> Kinematics:
     """The motion at the start (`end` 0) or the goal (1) of a problem, with accelerations of zero."""
     body = problem.body
@@ -220,18 +256,31 @@ def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:
         raise ValueError("without wheels none is full")
     samples = trajectory.sample(np.linspace(0, trajectory.duration, _SAMPLE_COUNT))
     held = np.abs(samples.kinematics(craft, total).resting_momenta)
+    turns = np.trace(samples.attitude[0].T @ samples.attitude, axis1=1, axis2=2)
+    angles = np.rad2deg(np.arccos(np.clip((turns - 1) / 2, -1, 1)))
+    where = ["at the start", *(f"with the body turned by {angle:.3g} deg" for angle in angles[1:])]
+    phrases = _describe_fullest(craft, held, where)
+    carried = samples.attitude[0].T @ total - array.stored
+    return _make_full_wheels_fit(trajectory, f"turned about slowly, {phrases}", carried, array)
+
+
+def _describe_fullest(craft: Spacecraft, held: np.ndarray, where: Sequence[str]) -> str:
+    """Return text on the wheels of a spacecraft that are full, or on the fullest one.
+
+    Args:
+        craft: a spacecraft with wheels.
+        held: (r, k) N m s, what they hold at k places while the body rests, without signs.
+        where: (k,) words on the places.
+    """
+    array, phrases = craft.wheel_array, list[str]()
+    assert array is not None
     shares = held / array.momentum[:, None]
-    phrases = []
     for row, owner in _choose_rows_to_report(craft, shares.max(axis=1), 1 - _FULL_TOLERANCE):
         most = int(np.argmax(shares[row]))
-        turn = samples.attitude[0].T @ samples.attitude[most]
-        angle = np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
-        where = "at the start" if most == 0 else f"with the body turned by {angle:.3g} deg"
-        phrase = f"{owner} would hold {held[row, most]:.4g} N m s {where}"
         beyond = "" if shares[row, most] > 1 + _FULL_TOLERANCE else ", to which turning adds"
+        phrase = f"{owner} would hold {held[row, most]:.4g} N m s {where[most]}"
         phrases.append(f"{phrase}, of {array.momentum[row]:.4g} N m s at most{beyond}")
-    carried = samples.attitude[0].T @ total - array.stored
-    return _make_full_wheels_fit(trajectory, f"turned about slowly, {' and '.join(phrases)}", carried, array)
+    return ", and ".join(phrases)
 
 
 def _choose_rows_to_report(craft: Spacecraft, shares: np.ndarray, most: float) -> Sequence[tuple[int, str]]:

@@ -40,9 +40,11 @@ from jaxplan.trajectory.outcome import (
     better,
     beyond_charts,
     full_at_goal,
+    full_at_rest,
     limits_too_tight,
     overloaded_at_an_end,
     success,
+    within_longest,
 )
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem
@@ -97,14 +99,15 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    return fit_each(queries, _prepare, Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
+    fits = fit_each(queries, _prepare, Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
+    return [within_longest(*one) for one in zip(fits, queries, strict=True)]
 
 
 def _prepare(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """Make the problem of a query and the index there of each given node, or the fit if it is known at once.
 
-    It is known if nothing moves, numbers are not finite, wheels would be full at the goal, or rates at an end
-    alone need more torque than there is. See `fit` on errors.
+    It is known if nothing moves, numbers are not finite, wheels would be full at the goal, rates at an end
+    alone need more torque than there is, or wheels are full at rest. See `fit` on errors.
     """
     spacecraft, fractions = query.spacecraft, query.node_fractions
     path, rates = checked(query)
@@ -136,7 +139,8 @@ def _prepare(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         near=query.near,
         at_most=query.at_most,
     )
-    return full_at_goal(problem) or overloaded_at_an_end(problem) or (problem, own)
+    impossible = full_at_goal(problem) or overloaded_at_an_end(problem) or full_at_rest(problem)
+    return impossible or (problem, own)
 
 
 class Strategy:

@@ -333,7 +333,7 @@ def test_limits_at_the_ends_of_their_ranges_are_planned():
     scenario = make_scenario(1)
     craft = scenario.spacecraft
     slow = replace(craft, acceleration_limit=np.deg2rad(1e-9))
-    weak = replace(craft, inertia=np.eye(3) * 1e12, torque_limit=np.full(3, 1e-12))
+    weak = replace(craft, inertia=np.eye(3) * 1e12, torque_limit=np.full(3, 1.0))
     quick = replace(craft, rate_limit=np.deg2rad(1e6), acceleration_limit=np.deg2rad(1e9))
     for name, odd in (("slow", slow), ("weak", weak), ("quick", quick)):
         assert jp.plan(replace(scenario, spacecraft=odd)).ok, name

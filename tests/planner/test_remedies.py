@@ -77,6 +77,11 @@ def test_a_load_asks_for_the_time_in_which_it_fits(name, power):
     assert 1.21 <= longer**power < 1.21 * 1.1
 
 
+def test_a_load_that_no_duration_is_enough_for_asks_for_a_higher_limit():
+    (told,) = advice(replace(FAULT, peaks={"joint_accelerations": 1e18}, min_margin=0.1))
+    assert told == "raise the limit of joint accelerations"
+
+
 def test_joints_beyond_their_range_ask_for_what_helps_where_they_are():
     fault = replace(FAULT, peaks={"yaw": 1.01, "angular_velocity": 0.9}, min_margin=0.1)
     ends, steps = advice(replace(fault, peak_times={"yaw": LASTS}))

@@ -159,6 +159,25 @@ def test_the_reason_names_the_full_wheels_with_what_they_would_hold():
         assert words in plan.message, plan.message
 
 
+def test_wheels_that_are_full_against_each_other_leave_no_motion():
+    """Whatever the body has of momentum fills one of them, but for rounding, and but for what is left."""
+    axes = np.array([[0.8, 0.0, 0.6], [0.0, 0.8, 0.6], [-0.8, 0.0, 0.6], [0.0, -0.8, 0.6]])
+    for momentum in (5.0, 0.7, 12.3):
+        for share in (1.0, 1 - 1e-9, 1 - 1e-3):
+            held = wheels(axes, 0.2, momentum, share * momentum * np.array([1, -1, 1, -1]))
+            for duration in ("minimum", "stretched", 100.0):
+                plan = jp.plan(with_wheels(held, duration=duration), throw=False, progress=False)
+                if share < 1 - 1e-6:
+                    assert plan.ok or "duration_s to" in plan.message, plan.message
+                    continue
+                assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+                assert plan.trajectory is None
+                for k in (1, 2, 3, 4):
+                    words = f'wheel "wheel-{k}" would hold {momentum:.4g} N m s at the '
+                    assert words in plan.message, plan.message
+                assert "slowing down does not help" in plan.message
+
+
 def test_a_start_that_only_the_reserve_overfills_says_so():
     for allocation, owner in (("pseudo_inverse", 'wheel "wheel-1"'), ("minimax", "the array across ")):
         scene = with_wheels(wheels(np.eye(3), 1.0, 8.0, [-7.7, 0.0, 0.0]), allocation)
