@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import signal
 import subprocess
 import sys
@@ -292,39 +291,6 @@ def test_hidden_targets_have_a_reason_while_they_are_hidden():
     assert slews.certified[1, 0, 1]
 
 
-@pytest.mark.parametrize(
-    ("departures", "until", "words"),
-    [
-        (
-            [0.0, 100.0],
-            250.0,
-            "at the departure, at 100 s; it is seen from 250 s on: take a departure at 250 s",
-        ),
-        (
-            None,
-            250.0,
-            "at the departure, at 0 s; it is seen from 250 s on: take a departure at 250 s or later",
-        ),
-        (
-            [100.0],
-            1e4,
-            "at the departure, at 100 s; it is not seen again in all the .* s that are known: let it",
-        ),
-    ],
-)
-def test_a_target_that_is_hidden_at_the_departure_names_the_departure_to_take(departures, until, words):
-    hidden = (jp.Hidden(target="station", by="the Earth", start=-10.0, end=until),)
-    goals = {"station": jp.Targets.of({"telescope": replace(moved(0.05, 20), hidden=hidden)})}
-    problem = make_problem(
-        PLAIN, goals, zones={"keep_out": (), "keep_in": (), "joint_bounds": ()},
-        departures=departures, start=None, free=False, settings=None,
-    )  # fmt: skip
-    state = problem.states[-1][0]
-    assert state.status == "INVALID_GOAL"
-    assert re.search(words, state.message), state.message
-    assert "duration" not in state.message.split("known: ")[0]
-
-
 def test_a_later_scene_has_a_later_epoch():
     start = jp.GivenState(rotation_vector=[0, 0, 0], joints=[0])
     scene = jp.Scenario(
@@ -466,18 +432,6 @@ def test_interrupted_pairs_say_so(monkeypatch, tmp_path):
 def test_bad_arguments_are_refused_by_name(arguments, error, message):
     with pytest.raises(error, match=message):
         times_of(**arguments)
-
-
-@pytest.mark.parametrize("problem", [PLAIN, "scenario"])
-def test_a_wrong_start_is_told_once_and_no_goal_that_nobody_gave(problem):
-    wrong = jp.GivenState(rotation_vector=[0, 0, 0], joints=[0, 0, 0])
-    if problem == "scenario":
-        right = jp.GivenState(rotation_vector=[0, 0, 0], joints=[])
-        problem = jp.Scenario(name="scene", spacecraft=PLAIN, start=right, goal=right)
-    with pytest.raises(jp.ScenarioError) as raised:
-        jp.slew_times(problem, {"star": {"telescope": toward(40, 30)}}, start=wrong)
-    (fault,) = raised.value.faults
-    assert fault.startswith("start.joints")
 
 
 def test_bad_problems_and_places_are_refused_by_name(slews):
