@@ -110,6 +110,8 @@ def _forgiveness_options(options: argparse.Namespace) -> dict[str, float]:
 
 def plot(options: argparse.Namespace) -> int:
     """Draw the figures of a plan file, or the spacecraft of a scenario, as PNG files."""
+    if not options.plan:
+        raise ValueError("FILE is empty, it must name a plan or a scenario file")
     if is_scenario(options.plan) or timelines.is_timeline(options.plan):
         return _plot_spacecraft(options)
     plan = _load_any_plan(options.plan)

@@ -109,10 +109,13 @@ def spectrum(
             entries = device_entries(row_names(craft.wheels, craft.allocation))
         entries += _mark_frequencies(axes, asked, at_asked[name], name)
         tidy(axes)
-        axes.set(xscale="log", yscale="log", xlim=(across[0], across[-1]))
+        axes.set(xscale="log", xlim=(across[0], across[-1]))
         top = float(np.max(curves, initial=0.0))
         if top > 0:
+            axes.set_yscale("log")
             axes.set_ylim(max(np.min(curves[curves > 0]) / 2, top * 10.0**-_MAX_DECADES), 2 * top)
+        else:  # the platform does not turn, and a logarithmic axis has no place for zero
+            axes.set_ylim(0, 1)
         axes.set_ylabel(f"{name}\n({unit_of(name)})", fontsize=TEXT)
         if legend:
             legend_beside(axes, entries)

@@ -171,7 +171,8 @@ def _add_legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place
     """Add a legend to axes or a figure at a place (matplotlib's arguments); without entries do nothing."""
     if not entries:
         return
-    labels = ["\n".join(map(_break_line, label.split("\n"))) for _, label in entries]
+    texts = [str(label) for _, label in entries]  # a user may have called motions by numbers
+    labels = ["\n".join(map(_break_line, text.split("\n"))) for text in texts]
     # a label that begins with an underscore would be left out
     labels = [f"\N{ZERO WIDTH SPACE}{label}" if label.startswith("_") else label for label in labels]
     legend = axes.legend(

@@ -16,6 +16,7 @@ from jaxplan.geometry import quaternion
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import floats, show
 from jaxplan.runtime.display import shown
 
 SLERP, LINEAR, RODRIGUES = "slerp", "quaternion_linear", "mrp_linear"
@@ -118,11 +119,15 @@ class AttitudeTable:
                 table that has them.
 
         Raises:
-            ValueError: if there is no such row; if joints are given and the table has its own; or if it has
-                several and was read without the spacecraft, so that their order is not known.
+            ValueError: if there is no such row; if joints are no numbers, or are given and the table has its
+                own; or if it has several and was read without the spacecraft, so that their order is not
+                known.
         """
-        if not -len(self.times) <= row < len(self.times):
-            raise ValueError(f"row = {row}: must lie in [{-len(self.times)}, {len(self.times) - 1}]")
+        given: object = row  # whatever its type says
+        whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
+        if not (whole and -len(self.times) <= row < len(self.times)):
+            span = f"[{-len(self.times)}, {len(self.times) - 1}]"
+            raise ValueError(f"row = {show(row)}: must be a whole number in {span}")
         if self.joints is not None and joints is not None:
             raise ValueError(f"joints: {self.name} has joints of its own")
         if len(self.joint_names) > 1 and self.spacecraft is None:
@@ -131,7 +136,7 @@ class AttitudeTable:
                 "with the spacecraft, as by jp.load_attitude(path, scenario.spacecraft)"
             )
         q = self.quaternions[row]
-        own = np.zeros(0) if joints is None else np.asarray(joints, np.float64)
+        own = np.zeros(0) if joints is None else floats("joints", joints, "a vector of angles in rad")
         return GivenState(
             rotation_vector=np.asarray(quaternion.log(-q if q[0] < 0 else q)),
             joints=own if self.joints is None else self.joints[row],

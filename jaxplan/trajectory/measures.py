@@ -28,7 +28,7 @@ from jaxplan.model.constraints import Constraints, constraint_margins, state_mar
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_reach import wheel_loads
-from jaxplan.runtime.arguments import show
+from jaxplan.runtime.arguments import expect, show
 from jaxplan.runtime.at_once import at_once
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, platform, polynomial, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
@@ -54,7 +54,11 @@ def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None
         (k,) for each time the largest factor of all components of all limits: magnitude over limit, to one
         over the power of the time scaling by which it falls. NaN where one of them is NaN, infinite where
         slowing down does not help.
+
+    Raises:
+        TypeError: if these are no samples, or no spacecraft.
     """
+    _expect_samples(samples, craft)
     motion = samples.kinematics(craft, total)
     factors = [limit.time_factors(motion) for group in timed_limits(craft) for limit in group]
     return _max_or_nan(jnp.moveaxis(jnp.concatenate(factors), 0, -1))
@@ -68,8 +72,26 @@ def torque(samples: Samples, craft: Spacecraft, total: Array | None = None) -> A
         craft: its inertia, which must be set.
         total: (3,) N m s, total momentum ``H`` of a spacecraft with wheels in inertial axes, with which the
             torque is that of the wheels, ``J omega' + omega x (R^T H)``; None without wheels.
+
+    Raises:
+        TypeError: if these are no samples, as ``plan.trajectory.sample`` returns them, or no spacecraft.
+        ValueError: if the spacecraft's inertia is not set.
     """
+    _expect_samples(samples, craft)
+    _expect_inertia(craft)
     return jnp.moveaxis(jnp.asarray(samples.kinematics(craft, total).torque), 0, -1)
+
+
+def _expect_samples(samples: object, craft: object) -> None:
+    """Raise a TypeError unless these are samples of a trajectory and a spacecraft."""
+    expect("samples", samples, Samples, "plan.trajectory.sample(t) returns them")
+    expect("craft", craft, Spacecraft, "scenario.spacecraft is one")
+
+
+def _expect_inertia(craft: Spacecraft) -> None:
+    """Raise a ValueError if a spacecraft has no inertia."""
+    if craft.inertia is None:
+        raise ValueError("craft: the torque needs spacecraft.inertia_kg_m2, which is not set")
 
 
 @of_plans
@@ -264,8 +286,7 @@ def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     Raises:
         ValueError: if the spacecraft's inertia is not set.
     """
-    if craft.inertia is None:
-        raise ValueError("craft: the torque needs spacecraft.inertia_kg_m2, which is not set")
+    _expect_inertia(craft)
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: _max_or_nan(jnp.abs(torque(samples, craft, total))))
 

@@ -35,7 +35,7 @@ def of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
     def called(*args: Any, **kwargs: Any) -> Out:
         given = dict(parameters.bind_partial(*args, **kwargs).arguments)
         plan = given.get("trajectory")
-        if plan is not None and not isinstance(plan, Trajectory):
+        if "trajectory" in given and not isinstance(plan, Trajectory):
             given["trajectory"] = _trajectory_of(plan)
             scene = getattr(plan, "scenario", getattr(plan, "scene", None))
             for name in wanted:
@@ -58,7 +58,7 @@ def _trajectory_of(plan: object) -> Trajectory:
         ValueError: if the plan has no trajectory.
     """
     found = getattr(plan, "trajectory", plan)
-    if found is None:
+    if found is None and plan is not None:
         ending = getattr(getattr(plan, "status", None), "name", "without one")
         raise ValueError(f"trajectory: the plan has none, it ended as {ending}")
     if isinstance(found, Trajectory):

@@ -40,6 +40,7 @@ from jaxplan.tuning.objectives import (
     mean_slope,
     objective_label,
     refuse_margin,
+    value_of,
 )
 from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
 from jaxplan.tuning.tuned import State, Stop, Tuning
@@ -85,7 +86,8 @@ def tune(
         call gives the same result.
 
     Raises:
-        TypeError: if a scenario, the optimizer or `resume` is of another type.
+        TypeError: if a scenario, the optimizer or `resume` is of another type; if an objective asks for the
+            values of what JAX traces, as ``float`` and ``if`` do, or returns no number.
         ScenarioError: for scenarios that no file could hold, with all faults, or without such a number.
         ValueError: if arguments make no sense, if a scenario has no plan to begin with or none that can be
             differentiated, if the objective is not finite there, or if `resume` is of another call; the
@@ -364,4 +366,4 @@ class _Descent:
 @partial(quick_jit, level=1, static_argnums=2)
 def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
     """Return the objective of a trajectory and its scenario, compiled."""
-    return aim(trajectory, scenario)
+    return value_of(aim, trajectory, scenario)

@@ -257,13 +257,24 @@ def _value_and_slope(
     def value(free: jax.Array) -> jax.Array:
         numbers = {one.place: one.value(z) for one, z in zip(tuned, free, strict=True)}
         changed = with_numbers(scenario, numbers)
-        return _expect_number(aim(replan_to(end, held, changed), changed))
+        return value_of(aim, replan_to(end, held, changed), changed)
 
     return jax.value_and_grad(value)(free)
 
 
-def _expect_number(found: Any) -> jax.Array:
-    """Return what an objective returned; raises a TypeError if it is no single number."""
+def value_of(aim: Objective, trajectory: Trajectory, scenario: Scenario) -> jax.Array:
+    """Return the value of an objective at a trajectory and its scenario, whose arrays are traced.
+
+    Raises:
+        TypeError: if it returns no single number, or asks for the values of what is traced.
+    """
+    try:
+        found: Any = aim(trajectory, scenario)
+    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
+        raise TypeError(
+            "objective: must be made of jax.numpy and jp.measures alone, since its arrays are traced for "
+            f"slopes, without float(), if or numpy: {str(error).splitlines()[0]}"
+        ) from error
     if not isinstance(found, int | float | np.generic | np.ndarray | jax.Array):
         raise TypeError(f"objective: must return a number, not {type(found).__name__}")
     if np.shape(found):

@@ -152,6 +152,7 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
         "keep_out[2].half_angle_deg = 210.0": ("plot", broken),
         "SCENARIO is empty": ("plan", ""),
         "PLAN is empty": ("check", ""),
+        "FILE is empty, it must name a plan or a scenario file": ("plot", ""),
         f"{tmp_path}: is a folder, name a plan.json in it": ("check", tmp_path),
         f"{tmp_path}: is a folder, name a scenario file in it": ("plan", tmp_path),
     }

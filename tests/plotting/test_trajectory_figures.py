@@ -281,3 +281,13 @@ def test_a_plan_has_a_figure_of_torque_only_where_there_is_a_limit():
         assert ("torque" in [name for name, _ in jp.plot.figures(loaded(**limits))]) == there
     with pytest.raises(ValueError, match=r"neither an inertia nor .* give it spacecraft\.inertia_kg_m2"):
         jp.plot.torque(loaded())
+
+
+def test_motions_may_be_called_by_numbers():
+    given = {1: triangle(), 2: smooth()}
+    figure = jp.plot.compare(given, make_spacecraft())[0].figure
+    legends = [*figure.legends, *(axes.legend_ for axes in figure.axes if axes.legend_ is not None)]
+    assert {"1", "2"} <= {text.get_text() for legend in legends for text in legend.get_texts()}
+    assert jp.plot.segments(given, make_spacecraft())
+    assert jp.plot.durations({1: {"a": 3.0}}, {"a": 2.0})
+    pyplot.close("all")

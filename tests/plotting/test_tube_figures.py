@@ -115,6 +115,19 @@ def test_a_spectrum_has_units_and_the_value_at_each_frequency(bare, on_wheels):
     plt.close("all")
 
 
+@pytest.mark.parametrize("inertia", [None, np.eye(3)])
+def test_a_spectrum_of_a_platform_that_does_not_turn_is_zero(inertia):
+    craft = replace(jp.paper_case(2).spacecraft, inertia=inertia)
+    start = jp.paper_case(2).start
+    goal = replace(start, joints=np.asarray(start.joints) - 0.1)
+    plan = jp.plan(jp.Scenario(name="arms", spacecraft=craft, start=start, goal=goal), progress=False)
+    (axes,) = jp.plot.spectrum(plan, [0.5])
+    axes.figure.canvas.draw()  # warnings are errors
+    assert not np.any([line.get_ydata() for line in axes.lines[:3]])
+    assert axes.get_ylim()[0] == 0
+    plt.close("all")
+
+
 def test_frequencies_that_are_none_are_refused(bare):
     for wrong in ([0.0], -1.0, [np.nan], [[0.5]], ["a"]):
         for draw in (jp.plot.spectrum, lambda *given: list(jp.plot.figures(*given))):

@@ -73,7 +73,11 @@ def test_a_row_is_the_start_of_a_scene(plan, folder):
     bare = jp.load_attitude(folder / "basilisk")
     np.testing.assert_array_equal(bare.state(0, joints=[0.1, 0.2]).joints, [0.1, 0.2])
     for call, words in (
-        (lambda: table.state(61), "row = 61: must lie in"),
+        (lambda: table.state(61), r"row = 61: must be a whole number in \[-61, 60\]"),
+        (lambda: table.state(1.5), r"row = 1\.5: must be a whole number in"),
+        (lambda: table.state(None), "row = None: must be a whole number in"),
+        (lambda: table.state(True), "row = True: must be a whole number in"),
+        (lambda: bare.state(0, joints="up"), "joints = 'up': must be a vector of angles in rad"),
         (lambda: table.state(0, joints=[0.0]), "has joints of its own"),
     ):
         with pytest.raises(ValueError, match=words):

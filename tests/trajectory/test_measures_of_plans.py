@@ -63,6 +63,8 @@ def test_what_has_no_motion_is_refused_by_name(plan):
             "trajectory must be a Trajectory, not Scenario; a plan",
         ),
         (lambda: measures.effort(3.0), TypeError, "trajectory must be a Trajectory, not float"),
+        (lambda: measures.effort(None), TypeError, "trajectory must be a Trajectory, not NoneType"),
+        (lambda: measures.peak_torque(None), TypeError, "trajectory must be a Trajectory, not NoneType"),
         (lambda: measures.peak_torque(own), TypeError, "craft"),
         (
             lambda: measures.peak_torque(own, plan.scenario),
@@ -74,4 +76,25 @@ def test_what_has_no_motion_is_refused_by_name(plan):
         (lambda: measures.peak(plan), TypeError, "field"),
     ):
         with pytest.raises(error, match=words):
+            call()
+
+
+@pytest.mark.parametrize("measure", [measures.torque, measures.time_factors])
+def test_measures_of_samples_say_what_makes_them(plan, measure):
+    own, craft = plan.trajectory, replace(plan.scenario.spacecraft, wheels=())
+    for wrong in (own, plan, None):
+        with pytest.raises(TypeError, match=r"samples must be .*; plan.trajectory.sample\(t\) returns them"):
+            measure(wrong, craft)
+    with pytest.raises(TypeError, match="craft must be a Spacecraft, not Plan"):
+        measure(own.sample([0.0, 1.0]), plan)
+    assert len(measure(own.sample([0.0, 1.0]), craft)) == 2
+
+
+def test_a_torque_without_an_inertia_is_refused(plan):
+    bare = replace(plan.scenario.spacecraft, inertia=None, torque_limit=None, wheels=())
+    for call in (
+        lambda: measures.torque(plan.trajectory.sample([0.0]), bare),
+        lambda: measures.peak_torque(plan, bare),
+    ):
+        with pytest.raises(ValueError, match=r"needs spacecraft\.inertia_kg_m2, which is not set"):
             call()

@@ -399,6 +399,21 @@ def test_an_objective_that_returns_no_single_number_is_refused_by_name(objective
         jp.tune(CASE, objective, over=["trajectory.rate_weight"], steps=1, progress=False)
 
 
+@pytest.mark.parametrize(
+    "objective",
+    [
+        lambda trajectory, scenario: float(jp.measures.effort(trajectory)),
+        lambda trajectory, scenario: 1.0 if jp.measures.effort(trajectory) > 0 else 2.0,
+        lambda trajectory, scenario: np.sum(np.asarray(trajectory.breaks)),
+        lambda trajectory, scenario: jnp.sum(trajectory.breaks[trajectory.breaks > 1]),
+    ],
+    ids=["float", "if", "numpy", "mask"],
+)
+def test_an_objective_that_asks_for_traced_values_is_told_to_use_jax(objective):
+    with pytest.raises(TypeError, match=r"objective: must be made of jax\.numpy and jp\.measures alone"):
+        jp.tune(CASE, objective, over=["trajectory.rate_weight"], steps=1, progress=False)
+
+
 def test_an_objective_that_is_no_number_ends_the_descent_before_it():
     over = {"trajectory.duration_s": (20.0, 60.0)}
     with pytest.raises(ValueError, match="not finite at the numbers to begin with"):
