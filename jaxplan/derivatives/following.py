@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.derivatives.held import A_PLAN, Held, expect_known_time, held_of
-from jaxplan.goal.followed_goal import followed_by
+from jaxplan.derivatives.held import A_PLAN, Held, expect_known_time, follow_goal, held_of
 from jaxplan.model.path import leads_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
@@ -59,7 +58,7 @@ def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES
     if not followed.ok or fitted is None or path is None or goal is None:
         return followed, None
     try:
-        return followed, held_of(followed, path, goal, followed_by(scenario, goal), fitted, nodes)
+        return followed, held_of(followed, path, goal, follow_goal(scenario, goal), fitted, nodes)
     except ValueError:  # nothing moves, or a row is about to bind
         return followed, None
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from jaxplan.goal.followed_goal import Followed, followed_by, least_time_doubt
+from jaxplan.goal.followed_goal import AS_A_STATE, Followed, followed_by, least_time_doubt
 from jaxplan.goal.free_devices import MadeWay
 from jaxplan.model.goals import LEAST_TIME, Targets
 from jaxplan.model.path import Goal, Leads, Path, leads_of
@@ -23,6 +23,7 @@ from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.steps import wanted_fit
+from jaxplan.planner.wheel_room import leans_on_wheels
 from jaxplan.runtime.arguments import expect, show
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import clear_if_full
@@ -37,6 +38,7 @@ _NEEDS_TIME = (
     "has targets or zones that move: derivatives and tuning then know given durations only: set "
     "trajectory.duration_s to a number, or hold what moves at an instant"
 )
+_WHEEL_DOUBT = f"its goal leans on what a wheel may hold there: {AS_A_STATE}"
 
 Tree = TypeVar("Tree")
 
@@ -147,9 +149,16 @@ def checked_plan(plan: Plan) -> tuple[Plan, Path, Goal, Followed]:
     if not plan.ok or plan.path is None or goal is None:
         raise ValueError(f"the plan of {scenario.name} ended as {plan.status.name}: only an OK one is held")
     reasons = reasons_of_scenario(scenario, end_rates(scenario, goal))
-    followed = followed_by(scenario, goal)
+    followed = follow_goal(scenario, goal)
     refuse(scenario.name, [*reasons, *followed.doubts])
     return replace(plan, scenario=own_arrays(scenario)), plan.path, goal, followed
+
+
+def follow_goal(scenario: Scenario, goal: Goal) -> Followed:
+    """Tell how the goal of a plan follows its scenario, or why not, by `followed_by` and what wheels hold."""
+    followed = followed_by(scenario, goal)
+    doubts = (_WHEEL_DOUBT,) if leans_on_wheels(scenario, goal) else ()
+    return replace(followed, doubts=(*followed.doubts, *doubts))
 
 
 def held_of(

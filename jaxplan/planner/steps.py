@@ -24,6 +24,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages, remedies
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
+from jaxplan.planner.wheel_room import overfull, total_at_start, with_wheel_room
 from jaxplan.runtime.jit import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
@@ -63,12 +64,31 @@ def find_goals(
 ) -> tuple[Goal, ...] | Plan:
     """Find the goals to try, the best one first; or return a failed plan that says why there is none.
 
+    Where nothing moves, and a wheel would be overfull at the best goal, goals at which none is are preferred.
+
     Args:
         scenario: the problem.
         time: s, when the manoeuvre ends; required where something moves, and ignored elsewhere.
         told: called with the goal of least rotation as soon as that is found, before goals of least time are
             sought; never called where something moves. None for no call.
     """
+    found, craft = _find_goals(scenario, time, told), scenario.usable
+    if isinstance(found, Plan) or isinstance(scenario.asked, GivenState) or moves(scenario):
+        return found
+    total = total_at_start(scenario)
+    if not overfull(craft, total, found[0].attitude):
+        return found
+    for roomy in with_wheel_room(scenario, total):
+        others = _find_goals(roomy, time)
+        if not isinstance(others, Plan):
+            return (*others, *(goal for goal in found if not overfull(craft, total, goal.attitude)))
+    return found
+
+
+def _find_goals(
+    scenario: Scenario, time: float | None, told: Callable[[Goal], object] | None = None
+) -> tuple[Goal, ...] | Plan:
+    """Find the goals as `find_goals` does, with its arguments, whatever wheels hold there."""
     end, wanted = 0.0 if time is None else time, scenario.search.max_goals
     asked, start = scenario.asked, scenario.start.attitude
     unseen = hidden_targets(scenario, end)
@@ -321,6 +341,10 @@ def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
         told = f"[robust] {fitted.short_of}_reserve_percent = {reserve:g}"
         whole = "what they hold at most" if fitted.short_of == "momentum" else "that limit"
         message = f"{message}, or lower {told}, which is taken off {whole}"
+    scenario, asked = so_far.scenario, so_far.scenario.asked
+    chosen = moves(scenario) and isinstance(asked, Targets) and asked.criterion != LEAST_TIME
+    if fitted.short_of == "momentum" and chosen:  # where nothing moves goals without full wheels were tried
+        message = f'{message}, or set goal.criterion = "{LEAST_TIME}" for other goals'
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 
 

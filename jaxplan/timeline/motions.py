@@ -17,7 +17,6 @@ from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.followed_goal import with_wishes_met
 from jaxplan.goal.pointing_start import least_rates
 from jaxplan.model.activities import Activity
-from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
@@ -29,15 +28,24 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.validity import breaches
+from jaxplan.planner.wheel_room import overfull, with_wheel_room
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_energy import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.timeline.tracking import State, Tracked, led_back, overrun, roomiest, track
+from jaxplan.timeline.tracking import (
+    VIOLATION_TOLERANCE,
+    State,
+    Tracked,
+    led_back,
+    overrun,
+    roomiest,
+    track,
+    violation_phrases,
+)
 from jaxplan.trajectory import Trajectory
 
 SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
 _MAX_GOALS = 4  # number of attitudes of step 1 that are tried as first guesses
-_VIOLATION_TOLERANCE = 1e-9  # rad, by which a node may violate something and still counts as keeping it
 _LOOK_INTERVAL, _MAX_LOOKS = 5.0, 2000  # s between looks at zones, and the most of them
 _EXACT_TOLERANCE = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
 _EXTRA_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ranges if it can
@@ -127,18 +135,42 @@ class Doing:
 
     def motion(self, begin: float) -> Motion:
         """Return the activity's motion from `begin`, s, on; raises `Refused` if there is none."""
+        found = self._make_motion(begin)
+        if self._fills_wheels(found):
+            found = self._motion_with_wheel_room(begin) or found
+        self.last = found
+        self.expect_possible(found)
+        return found
+
+    def _fills_wheels(self, found: Motion) -> bool:
+        """Tell whether wheels would be overfull by the attitudes alone with which targets are met.
+
+        It is never told with `trajectory.optimal`, as slopes do not follow what wheels leave.
+        """
+        if self.activity.targets is None or self.scene.trajectory.optimal:
+            return False
+        attitudes = found.state.attitude if found.tracked is None else found.tracked.nodes.attitudes
+        return overfull(self.scene.usable, self.total, attitudes)
+
+    def _motion_with_wheel_room(self, begin: float) -> Motion | None:
+        """Return the activity's motion by attitudes at which wheels are not full; None without any."""
+        for scene in with_wheel_room(self.scene, self.total):
+            with suppress(Refused):
+                found = replace(self, scene=scene)._make_motion(begin)
+                if not self._fills_wheels(found):
+                    return found
+        return None
+
+    def _make_motion(self, begin: float) -> Motion:
+        """Return the activity's motion from `begin`, s, on, which may exceed a limit."""
         own = self.activity
         self._expect_known(begin)
         if own.attitude is not None:
             given = own.attitude
-            found = self._holding_motion(State.still(given.attitude, given.joints), begin)
-        elif own.targets is None:
-            found = self._resting_motion(begin)
-        else:
-            found = self._pointing_motion(own.targets, begin)
-        self.last = found
-        self.expect_possible(found)
-        return found
+            return self._holding_motion(State.still(given.attitude, given.joints), begin)
+        if own.targets is None:
+            return self._resting_motion(begin)
+        return self._pointing_motion(own.targets, begin)
 
     def expect_possible(self, found: Motion) -> None:
         """Raise `Refused` if a motion exceeds a limit, or its ends break something or allow no slew."""
@@ -176,7 +208,7 @@ class Doing:
         still = [np.broadcast_to(part, (len(close), *part.shape)) for part in (state.attitude, state.joints)]
         margins = pursuit.margins(still[0], still[1], close)
         worst = close[int(np.argmin(np.min(margins, axis=1, initial=np.inf)))]
-        phrases = self._violation_phrases(replace(nodes, times=np.array([worst])), 0)
+        phrases = violation_phrases(self.scene, replace(nodes, times=np.array([worst])), 0)
         if phrases:
             raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {worst:.2f} s")
         return Motion(state=state, trajectory=curves.through(nodes), begin=begin)
@@ -345,7 +377,7 @@ class Doing:
             found = track(pursuit, wanted, free, guess, begin, end, tolerance)
             if best is None or found.depth < best.depth:
                 best = found
-            if max(best.depth) <= _VIOLATION_TOLERANCE:
+            if max(best.depth) <= VIOLATION_TOLERANCE:
                 break
         assert best is not None
         return best
@@ -424,27 +456,11 @@ class Doing:
 
     def _expect_nodes_kept(self, found: Tracked) -> None:
         """Raise `Refused` if nodes violate a range or a constraint."""
-        if np.max(found.broken) <= _VIOLATION_TOLERANCE:
+        if np.max(found.broken) <= VIOLATION_TOLERANCE:
             return
-        phrases = self._violation_phrases(found.nodes, found.worst)
+        phrases = violation_phrases(self.scene, found.nodes, found.worst)
         when = f"at {found.nodes.times[found.worst]:.2f} s"
         raise Refused(Status.GOAL_UNREACHABLE, f"{'; '.join(phrases) or 'a limit is passed'} {when}")
-
-    def _violation_phrases(self, nodes: Nodes, node: int) -> list[str]:
-        """Return a phrase for each range and constraint that the given node violates."""
-        scene, craft = self.scene, self.scene.usable
-        low, high = craft.joint_ranges.T
-        joints = nodes.joints[node]
-        found = []
-        for name, angle, least, most in zip(craft.joint_names, joints, low, high, strict=True):
-            over = max(least - angle, angle - most)
-            if over > _VIOLATION_TOLERANCE:
-                end = np.rad2deg(least if least - angle > 0 else most)
-                found.append(f"{name} would be {np.rad2deg(over):.4g} deg beyond its limit of {end:.4g} deg")
-        rows = scene.constraints.at(nodes.times[node])
-        zones = [scene.zones[zone] for zone in rows.zone if zone >= 0]
-        state = scene.spacecraft, nodes.attitudes[node], joints
-        return [*found, *constraint_breaches(rows, *state, zones, scene.sight_names)]
 
 
 def _violation_depth(motion: Motion) -> tuple[float, float]:
@@ -455,4 +471,4 @@ def _violation_depth(motion: Motion) -> tuple[float, float]:
 
 def keeps_all(motion: Motion) -> bool:
     """Tell whether a motion that follows targets violates nothing at its nodes and between them."""
-    return max(_violation_depth(motion)) <= _VIOLATION_TOLERANCE
+    return max(_violation_depth(motion)) <= VIOLATION_TOLERANCE

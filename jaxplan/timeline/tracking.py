@@ -16,7 +16,9 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.geometry import quaternion
+from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.limits import timed_limits
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.runtime.display import shown
@@ -37,6 +39,8 @@ _REST_TOLERANCE = 1e-11  # rad/s or rad/s^2; smaller derivatives are set to zero
 _SAME_STATE = 1e-9  # rad, by which a state differs at most from one that it is but for rounding
 _RANDOM_ATTITUDES = 64  # number of random attitudes among which those with the most room are sought
 _ROOM_INSTANTS = 33  # number of instants at which their room is computed
+VIOLATION_TOLERANCE = 1e-9
+"""rad, by which a node may violate something and still counts as keeping it."""
 _LOAD_SAMPLES = 65  # number of instants at which rates, accelerations and loads are sampled
 _TURN_SAMPLES = 64  # number of instants at which it is measured how far targets turn
 
@@ -268,6 +272,28 @@ def overrun(
                 "spacecraft.wheel.stored_nms, raise momentum_nms, or ask for another attitude or target"
             )
     return f"{name} would reach {share:.4g} times its limit {when}" + ", as targets move then" * moving
+
+
+def violation_phrases(scene: Scenario, nodes: Nodes, node: int) -> list[str]:
+    """Return a phrase for each range and constraint of a scene that one of some nodes violates.
+
+    Args:
+        scene: spacecraft and zones, in the times of the nodes.
+        nodes: the nodes.
+        node: the index of the one that is looked at.
+    """
+    craft, joints = scene.usable, nodes.joints[node]
+    low, high = craft.joint_ranges.T
+    found = []
+    for name, angle, least, most in zip(craft.joint_names, joints, low, high, strict=True):
+        over = max(least - angle, angle - most)
+        if over > VIOLATION_TOLERANCE:
+            end = np.rad2deg(least if least - angle > 0 else most)
+            found.append(f"{name} would be {np.rad2deg(over):.4g} deg beyond its limit of {end:.4g} deg")
+    rows = scene.constraints.at(nodes.times[node])
+    zones = [scene.zones[zone] for zone in rows.zone if zone >= 0]
+    state = scene.spacecraft, nodes.attitudes[node], joints
+    return [*found, *constraint_breaches(rows, *state, zones, scene.sight_names)]
 
 
 def _times_between(times: np.ndarray) -> np.ndarray:
