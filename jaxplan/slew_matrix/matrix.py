@@ -69,8 +69,9 @@ def slew_times(
         departures: (k,) s, rising, when slews depart, in the time of what moves; the matrix then has a first
             axis of departures. None for time 0 only, without such an axis.
         pairs: (n, n) bool, or (k, n, n), which slews are planned; the others are "not asked". None for all.
-        start: the reference from which states of targets are found; None for the scenario's start, or for the
-            identity attitude with joints as near to zero as their ranges allow.
+        start: the reference from which states of targets are found, and in which wheels hold what they store;
+            None for the scenario's start, or for the identity attitude with joints as near to zero as their
+            ranges allow.
         free: whether slews go to any state that meets the targets of their goal, chosen for time, instead of
             the goal's own state. This gives the least time of a slew; but a slew then does not end in the
             state in which the next one begins.

@@ -4,7 +4,8 @@ Each goal has a **state** at each departure. A `GivenState` is its own state. Th
 step 1 (decomposition) from a reference state: of all states that meet the targets it is the one turned least
 from the reference's attitude, unless the targets name another criterion, and devices without a target keep
 the reference's joints where zones allow it. It depends on goal, reference and zones only, never on the goal
-before, so that slews can be put one after another.
+before, so that slews can be put one after another. What wheels store is stated for the reference; in any
+other state they hold what the total momentum, constant in inertial axes, leaves to them there.
 
 Directions **that move** are known over times from 0 on, the time of the scene. For a slew that departs at
 ``t`` all paths are shifted by ``-t``, and the epoch is ``t`` later, so that its own time begins at 0. The
@@ -40,6 +41,7 @@ from jaxplan.runtime.arguments import expect, expect_any, floats, several
 from jaxplan.runtime.display import shown
 from jaxplan.schema import ScenarioError, with_settings
 from jaxplan.schema.reading import checked_spacecraft
+from jaxplan.slew_matrix.wheel_loads import loaded, overload_text
 
 AnyZone = TypeVar("AnyZone", KeepOut, KeepIn, JointBound)
 _MAX_PAIRS = 2**31  # there must be fewer pairs, since a study numbers its scenes with 32 bits
@@ -58,7 +60,8 @@ class SlewProblem:
     """Goals of a spacecraft among zones, between which slews are to be planned.
 
     Attributes:
-        scene: spacecraft, zones, settings and epoch; its start is the reference from which states are found.
+        scene: spacecraft, zones, settings and epoch; its start is the reference from which states are found,
+            and in which wheels hold what they store.
         names: (n,) names of the goals.
         goals: (n,) the goals.
         departures: (k,) s, when slews depart, in the scene's time; None where they depart at time 0 only.
@@ -85,12 +88,12 @@ class SlewProblem:
     def states(self) -> tuple[tuple[GivenState | Unmet, ...], ...]:
         """The state of each goal at each departure, or the reason why there is none: k rows of n."""
         quiet = _drop_moving_zones(self.scene)
-        fixed = [None if goal.moves else _find_state(quiet, goal) for goal in self.goals]
+        fixed = [None if goal.moves else self._find_state(quiet, goal) for goal in self.goals]
         return tuple(
             tuple(
                 (
                     _hidden_at(self.scene, goal, float(time))
-                    or _find_state(scene, later_goal(goal, float(time)))
+                    or self._find_state(scene, later_goal(goal, float(time)))
                 )
                 if own is None
                 else own
@@ -98,6 +101,14 @@ class SlewProblem:
             )
             for scene, time in zip(self.scenes, self.times, strict=True)
         )
+
+    def _find_state(self, scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
+        """Find the state of a goal at a scene's time 0; or the reason why not, such as wheels full there."""
+        state = _find_state(scene, goal)
+        if isinstance(state, Unmet):
+            return state
+        full = overload_text(replace(scene, spacecraft=loaded(self.scene, state)))
+        return Unmet("LIMITS_TOO_TIGHT", full) if full else state
 
     def goes_to(self, departure: int, goal: int) -> GivenState | Targets | Unmet:
         """What slews to a goal go to: a state, or targets; or the reason why there is none.
@@ -134,7 +145,8 @@ class SlewProblem:
         assert not isinstance(goal, Unmet)
         when = "" if self.departures is None else f" at {self.departures[departure]:g} s"
         name = f"{self.names[first]} to {self.names[second]}{when}"
-        return replace(self.scenes[departure], name=name, start=start, goal=goal)
+        craft = loaded(self.scene, start)
+        return replace(self.scenes[departure], name=name, spacecraft=craft, start=start, goal=goal)
 
     def stay(self, departure: int, goal: int) -> Unmet | None:
         """Say why the spacecraft cannot be in the state of a goal at a departure; None where it can.
@@ -144,7 +156,8 @@ class SlewProblem:
         state = self.states[departure][goal]
         if isinstance(state, Unmet):
             return self.unmet(departure, goal, goal)
-        broken = start_breaches(replace(self.scenes[departure], start=state, goal=state))
+        scene = replace(self.scenes[departure], spacecraft=loaded(self.scene, state))
+        broken = start_breaches(replace(scene, start=state, goal=state))
         return Unmet("INVALID_START", f"{self.names[goal]}: {'; '.join(broken)}") if broken else None
 
 
