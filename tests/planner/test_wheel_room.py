@@ -67,6 +67,19 @@ def test_where_wheels_are_full_at_the_nearest_goal_the_nearest_is_taken_at_which
     assert plan.message == "" or "least_time" not in plan.message
 
 
+def test_with_targets_that_move_the_message_names_the_criterion_with_which_there_is_a_plan():
+    times = np.linspace(0, 400, 41)
+    angles = OFF + 1e-5 * times
+    path = jp.DirectionPath.through(times, np.stack([np.sin(angles), -np.cos(angles), 0 * angles], axis=1))
+    found = {}
+    for criterion in (None, "least_time"):
+        goal = jp.Targets.of({"telescope": path}, criterion=criterion)
+        found[criterion] = jp.plan(replace(scene(120.0), goal=goal), throw=False, progress=False)
+    assert found[None].status is jp.Status.LIMITS_TOO_TIGHT
+    assert 'set goal.criterion = "least_time" for other goals' in found[None].message
+    assert found["least_time"].ok, found["least_time"].message
+
+
 def test_slopes_of_such_a_goal_are_refused():
     plan = jp.plan(scene(120.0), progress=False)
     with pytest.raises(ValueError, match="leans on what a wheel may hold there: give the goal as a state"):
