@@ -4,7 +4,8 @@ import numpy as np
 
 from jaxplan.model.activities import Activity
 from jaxplan.model.status import Status
-from jaxplan.timeline.motions import LEAST_LENGTH, Doing, Motion, Refused
+from jaxplan.timeline.activity_times import LEAST_LENGTH, Refused
+from jaxplan.timeline.motions import Doing, Motion
 
 _TIME_TOLERANCE = 1e-9  # s, by which a time may be late
 

@@ -25,8 +25,9 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.model.duration_bound import DurationBound
 from jaxplan.timeline import curves
+from jaxplan.timeline.activity_times import Refused
 from jaxplan.timeline.least_energy import LeastMotion, Nodes
-from jaxplan.timeline.motions import Doing, Motion, Refused, keeps_all
+from jaxplan.timeline.motions import Doing, Motion, keeps_all
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.tracking import State, tracked_through

@@ -16,20 +16,19 @@ from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.followed_goal import with_wishes_met
 from jaxplan.goal.pointing_start import least_rates
-from jaxplan.model.activities import Activity
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
-from jaxplan.model.hidden_spans import after_hidden
 from jaxplan.model.path import Goal
 from jaxplan.model.robust import Robust, usable
-from jaxplan.model.scenario import STRETCHED, Scenario
+from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.validity import breaches
 from jaxplan.planner.wheel_room import overfull, with_wheel_room
 from jaxplan.timeline import curves
+from jaxplan.timeline.activity_times import ActivityTimes, Refused
 from jaxplan.timeline.least_energy import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import (
@@ -49,24 +48,12 @@ _MAX_GOALS = 4  # number of attitudes of step 1 that are tried as first guesses
 _LOOK_INTERVAL, _MAX_LOOKS = 5.0, 2000  # s between looks at zones, and the most of them
 _EXACT_TOLERANCE = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
 _EXTRA_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ranges if it can
-_TIME_TOLERANCE = 1e-9  # s, by which a time may be late
-LEAST_LENGTH = 1e-6
-"""s; a motion that is not longer counts as an instant."""
-_INSTANT_TOLERANCE = 1e-3  # s, between the end of a span and what begins because of it
 
 
 def with_room(craft: Spacecraft, targets: Targets) -> tuple[Spacecraft, Targets]:
     """Return spacecraft and targets that keep extra room, `_EXTRA_ROOM`, to ends of ranges and to zones."""
     clearance = array_module(targets.clearance).maximum(targets.clearance, _EXTRA_ROOM)
     return usable(craft, Robust(joint_error=_EXTRA_ROOM)), replace(targets, clearance=clearance)
-
-
-class Refused(Exception):
-    """Raised where an activity cannot be done; its arguments are a status and a message."""
-
-    def __init__(self, status: Status, message: str) -> None:
-        self.status, self.message = status, message
-        super().__init__(message)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,47 +78,20 @@ class Motion:
 
 
 @dataclass(kw_only=True, eq=False)
-class Doing:
-    """An activity to be done by a spacecraft that comes from some state.
+class Doing(ActivityTimes):
+    """An activity to be done by a spacecraft that comes from some state; see `ActivityTimes`.
 
     Attributes:
-        scene: spacecraft, zones and settings, in the timeline's times.
-        activity: what is asked.
         before: the state from which the spacecraft comes.
         time: s, when it is in that state.
-        latest_end: s, when an activity without a duration ends; None if nothing says so.
-        known: s, until when positions of targets and zones are known.
         total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
         last: the motion that was found last, a first guess for the next; `motion` updates it.
     """
 
-    scene: Scenario
-    activity: Activity
     before: State
     time: float
-    latest_end: float | None = None
-    known: float = np.inf
     total: np.ndarray | None = None
     last: Motion | None = field(default=None)
-
-    def ends(self, begin: float) -> float:
-        """Return when the activity ends, s, if its motion begins at `begin`, s."""
-        own = self.activity
-        if own.kind == "point":
-            return begin
-        if own.duration is not None:
-            return max(begin, own.earliest or 0.0) + own.duration
-        assert self.latest_end is not None
-        return max(self.latest_end, begin)
-
-    def lasts(self, begin: float) -> bool:
-        """Tell whether a motion from `begin`, s, to the end has a length; if not, it is an instant."""
-        return self.ends(begin) - begin > LEAST_LENGTH
-
-    @property
-    def last_begin(self) -> float:
-        """The latest time, s, at which the motion may begin, given until when things are known."""
-        return self.known - (0.0 if self.activity.kind == "point" else self.activity.duration or 0.0)
 
     def motion(self, begin: float) -> Motion:
         """Return the activity's motion from `begin`, s, on; raises `Refused` if there is none."""
@@ -164,7 +124,7 @@ class Doing:
     def _make_motion(self, begin: float) -> Motion:
         """Return the activity's motion from `begin`, s, on, which may exceed a limit."""
         own = self.activity
-        self._expect_known(begin)
+        self.expect_known(begin)
         if own.attitude is not None:
             given = own.attitude
             return self._holding_motion(State.still(given.attitude, given.joints), begin)
@@ -395,64 +355,6 @@ class Doing:
             if number not in asked and name not in held and bound:
                 found += gimbals.joints_of(number).tolist()
         return tuple(found)
-
-    def _expect_known(self, begin: float) -> None:
-        """Raise `Refused` if the activity from `begin`, s, has a hidden target or outlasts the timeline."""
-        if own_targets := self.activity.targets:
-            self._expect_seen(own_targets, begin, self.ends(begin))
-        latest = np.inf if self.activity.latest is None else self.activity.latest
-        what, until = ("its window", latest) if latest < self.known else ("the timeline", self.known)
-        end = self.ends(begin)
-        if end - self.known > _TIME_TOLERANCE:  # slews that end later are not tried, so these are bounds
-            raise Refused(
-                Status.OUT_OF_WINDOW,
-                f"it can begin at {begin:.2f} s at the earliest, and would end at least {end - until:.2f} s "
-                f"after {what}, which ends at {until:.2f} s: let {what} end later, ask for less time, or do "
-                "less before",
-            )
-
-    def _expect_seen(self, targets: Targets, begin: float, end: float) -> None:
-        """Raise `Refused` if a target is hidden at some time from `begin` to `end`, s."""
-        for name, path in zip(targets.names(self.scene.spacecraft), targets.paths, strict=True):
-            for span in path.hidden:
-                if span.start <= begin < span.end - _TIME_TOLERANCE or begin < span.start < end:
-                    raise Refused(
-                        Status.INVALID_GOAL,
-                        f"{span.target}, the target of {name}, is hidden by {span.by} from "
-                        f"{span.start:.2f} s to {span.end:.2f} s, and is asked for from {begin:.2f} s to "
-                        f"{end:.2f} s",
-                    )
-
-    def seen_from(self, time: float) -> float:
-        """Return the first begin, s, not before `time`, from which all targets are seen all along.
-
-        An instant of pointing is not before its window. If targets are not seen again as far as is known, the
-        result is `time`.
-        """
-        targets = self.activity.targets
-        if targets is None:
-            return time
-        if self.activity.kind == "point":
-            time = max(time, self.activity.earliest or 0.0)
-        asked = time
-        spans = [span for path in targets.paths for span in path.hidden]
-        while True:
-            begin = after_hidden(spans, time)
-            if self.ends(begin) > self.known or (begin > time and begin >= self.known):
-                return asked
-            inside = [span for span in spans if begin < span.start < self.ends(begin)]
-            if not inside:
-                return begin
-            time = max(span.end for span in inside)
-
-    def seen_at_last(self, begin: float) -> str:
-        """Return a phrase on the target that was hidden until just `begin`, s; empty if there is none."""
-        targets = self.activity.targets
-        for path in () if targets is None else targets.paths:
-            for span in path.hidden:
-                if abs(span.end - begin) <= _INSTANT_TOLERANCE:
-                    return f"{span.target} is hidden by {span.by} until {span.end:.2f} s"
-        return ""
 
     def _expect_nodes_kept(self, found: Tracked) -> None:
         """Raise `Refused` if nodes violate a range or a constraint."""

@@ -23,9 +23,10 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.activity_checks import expect_in_time, expect_near
+from jaxplan.timeline.activity_times import LEAST_LENGTH, Refused
 from jaxplan.timeline.choices import Choice, SlewTime
 from jaxplan.timeline.looking_ahead import led_ahead
-from jaxplan.timeline.motions import LEAST_LENGTH, Doing, Motion, Refused
+from jaxplan.timeline.motions import Doing, Motion
 from jaxplan.timeline.partial_plan import SoFar, first_again
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
