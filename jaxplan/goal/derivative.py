@@ -305,6 +305,7 @@ def _linearised_kkt(own: _Conditions, z: Array) -> tuple[Array, Array]:
     """Return `_kkt_residual` at ``z``, and the pseudoinverse (6, 6) of its derivative by ``z``.
 
     The latter is zero along directions that are not determined, as where nearby attitudes are equally good.
+    It is right to first order in the turn, as much as second derivatives at the goal found depend on.
     """
     residual, hessian, terms = _kkt_terms(own, z)
     active = Active(number=jnp.where(own.used, np.arange(3), -1)[:, None], multiplier=z[3:, None])
@@ -312,7 +313,9 @@ def _linearised_kkt(own: _Conditions, z: Array) -> tuple[Array, Array]:
     normal, free = normals[:, :, 0], jnp.diag(jnp.where(own.used, 0, jnp.ones_like(z[3:])))
     derivative = jnp.block([[(hessian + curved)[:, :, 0], normal], [normal.T, free]])
     decided = float(jnp.finfo(derivative.dtype).eps) ** (2 / 3)
-    return residual, jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
+    further = jnp.linalg.pinv(derivative, rtol=decided, hermitian=True)
+    # Hessian and gradients are along a further turn d, and exp(z^) exp(d^) = exp((z + d + z x d / 2 + ...)^).
+    return residual, further.at[:3].add(so3.hat(z[:3] / 2) @ further[:3])
 
 
 _FIRST_ORDER = Equations(

@@ -1,11 +1,18 @@
-"""The least rates that follow targets: alike by numpy and JAX, and devices stay on their targets."""
+"""Rates that follow targets: devices stay on these, and derivatives are those of goals found anew."""
+
+from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
 from builders import make_observer
+from pointing_aims import random_aims
+from quick import quick_jit
+from reference import unit
 from scipy.spatial.transform import Rotation
 
+from jaxplan.goal import tracking_rates
+from jaxplan.goal.derivative import goal_in_time
 from jaxplan.goal.pointing_start import differentiable_rates, least_rates
 from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
@@ -37,3 +44,38 @@ def test_rates_keep_devices_on_targets_that_move_and_are_the_same_in_jax(places)
     later = beams(craft, turned, joints + STEP * moved)[places]
     np.testing.assert_allclose((later - seen) / STEP, rates, atol=1e-7)
     assert np.max(np.abs(rates)) > 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_derivatives_of_rates_at_goals_are_those_of_rates_at_goals_found_anew(seed):
+    _, problem = random_aims(seed)
+    rng, craft, targets = np.random.default_rng(seed), problem.spacecraft, problem.targets
+    moves, way = rng.normal(size=(2, *targets.directions.shape))
+    goal = problem.decompose(max_goals=1).goals[0]
+    given = {
+        "start_joints": goal.joints,
+        "target_rates": np.cross(1e-2 * moves, targets.directions),
+        "axis_rates": np.zeros_like(problem.cones.axis),
+    }
+    way -= np.sum(way * targets.directions, axis=1, keepdims=True) * targets.directions
+
+    def found_anew(by):
+        directions = unit(targets.directions + by * way)
+        moved = replace(targets, directions=directions)
+        place = replace(problem, targets=moved).decompose(max_goals=1).goals[0]
+        return np.concatenate(tracking_rates(place, craft, problem.start, moved, problem.cones, **given))
+
+    def rates(by):
+        moved = replace(targets, directions=targets.directions + by * way)
+        found = goal_in_time(goal, craft, problem.start, moved, problem.cones, **given)
+        return found.angular_velocity, found.joint_rates
+
+    with jax.enable_x64(True):
+        slopes = np.concatenate(quick_jit(lambda by: jax.jvp(rates, (by,), (1.0,))[1])(0.0))
+    step = 1e-4
+    expected = (8 * (found_anew(step) - found_anew(-step)) - found_anew(2 * step) + found_anew(-2 * step)) / (
+        12 * step
+    )
+    np.testing.assert_allclose(slopes, expected, atol=1e-7)
+    assert np.max(np.abs(slopes)) > 1e-3
