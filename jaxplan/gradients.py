@@ -56,9 +56,10 @@ def _float_leaves(scenario: Scenario) -> list[Any]:
 
 
 def _with_numbers(scenario: Scenario, numbers: list[Any]) -> Scenario:
-    """Return a scenario with other `_float_leaves`, and with JAX arrays in place of lists."""
+    """Return a scenario with other `_float_leaves`."""
     left = iter(numbers)
-    return of_arrays(jax.tree.map(lambda leaf: next(left) if _is_float(leaf) else leaf, scenario))
+    changed: Scenario = jax.tree.map(lambda leaf: next(left) if _is_float(leaf) else leaf, scenario)
+    return changed
 
 
 def _replan_from_numbers(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory:
@@ -74,7 +75,7 @@ def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
     """
 
     def end(numbers: list[Any]) -> tuple[Array, End]:
-        own = _with_numbers(scenario, numbers)
+        own = of_arrays(_with_numbers(scenario, numbers))
         found = end_of(held, own, own.rows(held.turns))
         return ravel_pytree(found)[0], found
 
@@ -107,7 +108,7 @@ def _trajectory_with_slopes(
     numbers, (end, end_slopes) = _float_leaves(scenario), reached
 
     def motion(end: End, numbers: list[Any]) -> Trajectory:
-        own = _with_numbers(scenario, numbers)
+        own = of_arrays(_with_numbers(scenario, numbers))
         return motion_to(end, held, own, own.rows(held.turns))
 
     found, pull_back = jax.vjp(motion, end, numbers)

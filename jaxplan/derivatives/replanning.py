@@ -14,6 +14,7 @@ from jax.typing import ArrayLike
 from jaxplan.derivatives.held import Held, expect_known_time, rates_at
 from jaxplan.goal.derivative import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.directions import resplined
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
@@ -148,7 +149,10 @@ def motion_to(end: End, held: Held, scenario: Scenario, rows: Constraints) -> Tr
 
 
 def of_arrays(scenario: Scenario) -> Scenario:
-    """Return the scenario with JAX arrays in place of its lists of numbers, some of which may be traced."""
+    """Return the scenario as a differentiable function takes it; its numbers may be traced.
+
+    JAX arrays stand in place of lists of numbers, and slopes of paths follow from their samples and times.
+    """
 
     def is_vector(value: object) -> bool:
         if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
@@ -158,4 +162,4 @@ def of_arrays(scenario: Scenario) -> Scenario:
     arrays: Scenario = jax.tree.map(
         lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector
     )
-    return arrays
+    return resplined(arrays)

@@ -17,8 +17,8 @@ first g sights are the boresights of the g gimbals, which are n terminals and d 
 Everything computes with numpy or with JAX, depending on its arguments.
 """
 
-from dataclasses import dataclass, field
-from typing import Any, Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -31,8 +31,11 @@ from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.hidden_spans import UNNAMED, Hidden
 from jaxplan.runtime.arguments import floats
+from jaxplan.runtime.at_once import at_once
 from jaxplan.runtime.compute_once import made_once
 from jaxplan.runtime.display import shown
+
+Tree = TypeVar("Tree")
 
 # Largest distance of the spline's control points from the first sample of their interval. It keeps the spline
 # away from zero; a direction that turns farther between two samples is refused.
@@ -114,6 +117,17 @@ class DirectionPath:
         """Make the path of a unit vector (3,) that stands still; it is known at all times."""
         _, unit = arrays(direction)
         return cls(times=np.zeros(1), samples=unit[None], slopes=np.zeros((1, 3)))
+
+    @property
+    def resplined(self) -> "DirectionPath":
+        """The path that `through` makes of the samples, which are scaled to unit length, computed by JAX.
+
+        So its slopes are functions of samples and times, and not numbers of their own.
+        """
+        if not self.moves:
+            return self
+        made: Any = _spline(jnp.asarray(self.times), jnp.asarray(self.samples))
+        return replace(self, samples=made[0], slopes=made[1])
 
     @property
     def moves(self) -> bool:
@@ -236,6 +250,59 @@ class DirectionPath:
         far = np.linalg.norm(points[1:] - points[0], axis=-1).max(axis=0)
         speed = np.linalg.norm(3 * np.diff(points, axis=0) / h, axis=-1).max(axis=0)
         return far, speed
+
+
+@at_once(of_arrays=True)
+def _spline(times: jax.Array, samples: jax.Array) -> jax.Array:
+    """Return samples (n, 3) of length one, and the slopes there of the spline through them, as (2, n, 3)."""
+    units = samples / jnp.linalg.norm(samples, axis=1, keepdims=True)
+    return jnp.stack([units, _spline_slopes(times, units)])
+
+
+def _spline_slopes(times: jax.Array, samples: jax.Array) -> jax.Array:
+    """Return the derivatives (n, 3), 1/s, at the samples of the cubic spline through n of them.
+
+    With ``h`` the times between samples and ``c`` the chords' slopes, its second derivative is continuous if
+
+        h[i] m[i-1] + 2 (h[i-1] + h[i]) m[i] + h[i-1] m[i+1] = 3 (h[i] c[i-1] + h[i-1] c[i]),
+
+    and a condition at either end makes the third one so across the next sample.
+    """
+    h = jnp.diff(times)[:, None]
+    c = jnp.diff(samples, axis=0) / h
+    if len(times) == 2:
+        return jnp.concatenate([c, c])
+    before, after, none = h[:-1], h[1:], jnp.zeros((1, 1))
+    first, second, start = _end_condition(h, c)
+    last, last_but_one, end = _end_condition(h[::-1], c[::-1])
+    lower = jnp.concatenate([none, after, last_but_one])
+    diagonal = jnp.concatenate([first, 2 * (before + after), last])
+    upper = jnp.concatenate([second, before, none])
+    right = jnp.concatenate([start, 3 * (after * c[:-1] + before * c[1:]), end])
+    return jax.lax.linalg.tridiagonal_solve(lower[:, 0], diagonal[:, 0], upper[:, 0], right)
+
+
+def _end_condition(h: jax.Array, c: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return the condition on the slopes at an end of a spline, with times and chords counted from there.
+
+    Returns:
+        The factors (1, 1) of the slopes at the first sample and at the second, and the right side (1, 3).
+    """
+    if len(h) == 2:  # a parabola through three samples
+        return jnp.ones((1, 1)), jnp.ones((1, 1)), 2 * c[:1]
+    first, second = h[:1], h[1:2]
+    both = first + second
+    return second, both, ((first + 2 * both) * second * c[:1] + first**2 * c[1:2]) / both
+
+
+def resplined(tree: Tree) -> Tree:
+    """Return a tree with the moving paths in it `resplined`, so that slopes follow from samples and times."""
+    made: Tree = jax.tree.map(
+        lambda leaf: leaf.resplined if isinstance(leaf, DirectionPath) else leaf,
+        tree,
+        is_leaf=lambda leaf: isinstance(leaf, DirectionPath),
+    )
+    return made
 
 
 def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:

@@ -26,6 +26,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
 from jaxplan.model.activities import Activity, Timeline
+from jaxplan.model.directions import resplined
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.timeline import TimelinePlan, plan_timeline
 from jaxplan.timeline.choices import FIXED, NEEDED, SEEN, Choice, SlewTime
@@ -83,6 +84,7 @@ class HeldDay:
 
     def total_time(self, numbers: Numbers) -> Any:
         """Return the time, s, at which the last activity ends, for numbers near those of the plan."""
+        numbers = resplined(numbers)
         scene = numbers.scene
         state, time = _start_state(scene), jnp.asarray(0.0)
         total = total_in(scene.spacecraft, state)

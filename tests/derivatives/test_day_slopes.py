@@ -257,6 +257,23 @@ def test_slopes_of_the_total_time_are_differences_of_timelines_planned_anew(name
     assert assert_slopes_are_differences(plan, SOME[name], AT_CORNERS.get(name, AGREE)) >= some
 
 
+@pytest.mark.slow
+def test_slopes_by_samples_of_a_target_are_differences_of_days_planned_anew():
+    plan = planned("ships")
+    _, slopes, _ = days.day_slopes(plan)
+    first, *others = plan.timeline.activities
+    (path,), (own,) = (one.point.directions for one in (first, slopes.activities[0]))
+    assert not np.any(own.slopes)
+    way = np.asarray(own.samples) / np.linalg.norm(own.samples)
+
+    def at(by):
+        moved = jp.DirectionPath.through(path.times, unit(path.samples + by * way))
+        changed = replace(first, point=replace(first.point, directions=(moved,)))
+        return end_of(jp.plan_timeline(replace(plan.timeline, activities=(changed, *others)), progress=False))
+
+    assert np.sum(own.samples * way) == pytest.approx((at(1e-4) - at(-1e-4)) / 2e-4, rel=AGREE)
+
+
 def test_an_instant_at_its_window_moves_with_the_window():
     target = jp.Targets.of({"terminal-1": unit([0.9, 0.3, 0.316])})
     glance = jp.Activity(name="glance", point=target, earliest=100.0)

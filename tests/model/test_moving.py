@@ -1,11 +1,13 @@
 """Directions over time: through their samples, smooth, with rates and bounds that hold between them."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from builders import great_circle, turning_direction, wandering_direction
-from reference import angle, seen
+from reference import angle, seen, unit
 
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
@@ -60,6 +62,41 @@ def test_a_steady_turn_is_followed_to_the_fourth_power_of_the_time_between_sampl
         errors.append(np.abs(path.at(dense) - great_circle(first, toward, 0.0011, dense)).max())
     assert errors[0] < 1e-9
     assert errors[1] < errors[0] / 8
+
+
+# Also of four and five samples, whose end conditions meet.
+SHORT = [turning_direction(np.random.default_rng(5), 0.02, 7.0 * np.arange(n) ** 1.2) for n in (4, 5)]
+
+
+@pytest.mark.parametrize("path", [*paths(), *SHORT])
+def test_a_path_made_again_by_jax_is_the_one_through_its_samples_whatever_its_slopes_and_their_lengths(path):
+    stretched = np.linspace(0.5, 2.0, len(path.times))[:, None] * path.samples
+    off = replace(path, samples=stretched, slopes=np.full_like(path.slopes, np.nan))
+    with jax.enable_x64(True):
+        again = off.resplined
+    np.testing.assert_allclose(again.samples, path.samples, atol=1e-15)
+    np.testing.assert_allclose(again.slopes, path.slopes, atol=1e-14)
+
+
+@pytest.mark.parametrize("path", [*paths(), *SHORT])
+def test_derivatives_of_slopes_by_samples_and_times_are_those_of_the_spline_through_others(path):
+    rng, step = np.random.default_rng(0), 1e-3
+    way = rng.normal(size=path.samples.shape)
+    later = 0.1 * rng.normal(size=len(path.times))
+
+    def through(by):
+        return DirectionPath.through(path.times + by * later, unit(path.samples + by * way)).slopes
+
+    def made(by):
+        return replace(path, times=path.times + by * later, samples=path.samples + by * way).resplined.slopes
+
+    with jax.enable_x64(True):
+        along = jax.jvp(made, (0.0,), (1.0,))[1]
+        weight = rng.normal(size=along.shape)
+        back = jax.grad(lambda by: jnp.sum(weight * made(by)))(0.0)
+    found = (8 * (through(step) - through(-step)) - through(2 * step) + through(-2 * step)) / (12 * step)
+    np.testing.assert_allclose(along, found, atol=1e-8 * np.max(np.abs(found)))
+    np.testing.assert_allclose(back, np.sum(weight * along), rtol=1e-12)
 
 
 @pytest.mark.parametrize("path", paths())
