@@ -26,11 +26,22 @@ from jax import Array, export
 from jax.flatten_util import ravel_pytree
 
 from jaxplan import so3
-from jaxplan.derivatives import End, Held, end_of, hold, motion_to, of_arrays, own_arrays, replan
+from jaxplan.derivatives import (
+    End,
+    Held,
+    end_of,
+    expect_alike,
+    hold,
+    motion_to,
+    of_arrays,
+    own_arrays,
+    replan,
+)
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
+from jaxplan.planner.entry_points import as_filed
 from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
 from jaxplan.runtime.arguments import expect
@@ -259,13 +270,23 @@ class Differentiable:
         )
 
     def __call__(self, scenario: Scenario) -> Trajectory:
-        """Return the trajectory of a scenario near that of the plan; nothing is checked.
+        """Return the trajectory of a scenario near that of the plan; whether it is safe is not checked.
 
         Args:
-            scenario: with as many devices and zones, and the same choices, as that of the plan.
+            scenario: with the same devices, as many zones, and the same choices as that of the plan. One of
+                plain numbers is taken in as `jp.plan` does: lists may stand for arrays.
+
+        Raises:
+            TypeError: if it is not a Scenario.
+            ScenarioError: for plain numbers that a scenario file may not have, and wrong types or shapes.
+            ValueError: for other devices, or more or fewer zones; the message names them.
         """
         expect("scenario", scenario, Scenario, "plan.scenario is the plan's own")
-        if not is_traced(scenario):
+        traced = is_traced(scenario)
+        if not traced:
+            scenario = as_filed("scenario", scenario)
+        expect_alike(self.plan.scenario, scenario)
+        if not traced:
             with jax.enable_x64(True):
                 own = own_arrays(scenario)
                 found = _trajectory_value(self.held, own, _find_end(self.held, own))

@@ -14,13 +14,22 @@ What is held of a plan, and which scenarios have derivatives, is in `held`; `rep
 """
 
 from jaxplan.derivatives.following import follow, follow_and_hold
-from jaxplan.derivatives.held import Held, expect_followable, expect_known_time, hold, hold_each, own_arrays
+from jaxplan.derivatives.held import (
+    Held,
+    expect_alike,
+    expect_followable,
+    expect_known_time,
+    hold,
+    hold_each,
+    own_arrays,
+)
 from jaxplan.derivatives.replanning import End, end_of, held_end, motion_to, of_arrays, replan, replan_to
 
 __all__ = [
     "End",
     "Held",
     "end_of",
+    "expect_alike",
     "expect_followable",
     "expect_known_time",
     "follow",

@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.derivatives.held import A_PLAN, Held, expect_known_time, follow_goal, held_of
+from jaxplan.derivatives.held import (
+    A_PLAN,
+    Held,
+    expect_known_time,
+    expect_same_devices,
+    follow_goal,
+    held_of,
+)
 from jaxplan.model.path import leads_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
@@ -39,10 +46,7 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
     """
     expect("plan", plan, Plan, A_PLAN)
     filed = as_filed("scenario", scenario)
-    before, now = plan.scenario.spacecraft.device_names, filed.spacecraft.device_names
-    if before != now:
-        named = (", ".join(names) or "none" for names in (now, before))
-        raise ValueError("scenario has the devices {}: must have those of the plan, {}".format(*named))
+    expect_same_devices(plan.scenario, filed)
     return plan_near(plan, filed, plan.trajectory)[0]
 
 

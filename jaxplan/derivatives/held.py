@@ -269,6 +269,26 @@ def expect_known_time(scenario: Scenario) -> None:
         raise ValueError(f"{scenario.name} {_NEEDS_TIME}")
 
 
+def expect_same_devices(own: Scenario, other: Scenario) -> None:
+    """Raise a ValueError if a scenario has other devices than that of a plan, `own`, by their names."""
+    names, others = (one.spacecraft.device_names for one in (own, other))
+    if others != names:
+        told = ", ".join(others) or "none", ", ".join(names) or "none"
+        raise ValueError("scenario has the devices {}: must have those of the plan, {}".format(*told))
+
+
+def expect_alike(own: Scenario, other: Scenario) -> None:
+    """Raise a ValueError if a scenario has other devices than that of a plan, `own`, or not as many zones."""
+    expect_same_devices(own, other)
+    for kind in ("keep_out", "keep_in", "joint_bounds"):
+        zones, others = (getattr(one, kind) for one in (own, other))
+        if len(others) != len(zones):
+            told = (", ".join(zone.name for zone in each) or "none" for each in (others, zones))
+            raise ValueError(
+                "scenario has {} {}: must have as many as the plan, which has {}".format(kind, *told)
+            )
+
+
 def rates_at(scenario: Scenario, end: Any) -> tuple[Any, Any]:
     """Return the angular velocity (3,) and joint rates (J,) rad/s of a start or goal, with zeros for None."""
     given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)

@@ -154,12 +154,17 @@ def of_arrays(scenario: Scenario) -> Scenario:
     JAX arrays stand in place of lists of numbers, and slopes of paths follow from their samples and times.
     """
 
-    def is_vector(value: object) -> bool:
-        if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
-            return False
-        return max(map(np.ndim, value)) < 2  # deeper lists hold arrays, such as masks
+    def is_numbers(value: object) -> bool:
+        return 1 <= _depth(value) <= 2  # deeper lists hold arrays, such as masks
 
     arrays: Scenario = jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector
+        lambda leaf: jnp.asarray(leaf, float) if is_numbers(leaf) else leaf, scenario, is_leaf=is_numbers
     )
     return resplined(arrays)
+
+
+def _depth(value: object) -> int:
+    """Return how deep lists of numbers are nested; 0 for what is none, or empty, or has other objects."""
+    if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
+        return 0
+    return 1 + max(_depth(one) or np.ndim(one) for one in value)

@@ -199,3 +199,51 @@ def test_slopes_are_refused_where_the_least_rotation_is_half_a_turn_either_way()
         ValueError, match="half a turn away, where the least rotation turns one way or the other"
     ):
         jp.differentiable(plan)
+
+
+def as_the_manual_writes(**changes):
+    """A camera and its inertia in lists, without zones."""
+    scenario = camera_looks([0.6, 0.0, 0.8], duration=200.0)
+    craft = replace(
+        scenario.spacecraft, inertia=[[40, 1, 0], [1, 50, -2], [0, -2, 45]], rate_limit=[0.02] * 3
+    )
+    return replace(scenario, spacecraft=craft, **changes)
+
+
+def test_lists_may_stand_for_arrays_as_they_may_for_a_plan():
+    plan = jp.plan(as_the_manual_writes(), progress=False)
+    trajectory = jp.differentiable(plan)
+    own, found = trajectory(plan.scenario), trajectory(as_the_manual_writes())
+    for one, other in zip(jax.tree.leaves(own), jax.tree.leaves(found), strict=True):
+        np.testing.assert_array_equal(one, other)
+    slopes = [
+        jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)(scenario)
+        for scenario in (as_the_manual_writes(), plan.scenario)
+    ]
+    np.testing.assert_allclose(*(np.ravel(one.goal.directions) for one in slopes), rtol=1e-5)
+
+
+def test_a_scenario_with_other_devices_or_more_zones_is_refused_by_their_names():
+    plan = jp.plan(as_the_manual_writes(), progress=False)
+    trajectory = jp.differentiable(plan)
+    ship, sun = (jp.KeepOut(name=name, direction=[0.0, 1.0, 0.0], half_angle=0.1) for name in ("ship", "sun"))
+    others = {
+        "scenario has the devices terminal-1, terminal-2, terminal-3: must have those of the plan, camera": (
+            jp.paper_case(1)
+        ),
+        "scenario has keep_out ship, sun: must have as many as the plan, which has none": (
+            as_the_manual_writes(keep_out=[ship, sun])
+        ),
+    }
+    for words, other in others.items():
+        for call in (trajectory, jax.jit(trajectory)):
+            with pytest.raises(ValueError, match=words):
+                call(other)
+
+
+def test_what_no_file_may_hold_is_refused_as_by_a_plan():
+    plan = jp.plan(as_the_manual_writes(), progress=False)
+    trajectory = jp.differentiable(plan)
+    settings = replace(plan.scenario.trajectory, duration=-1.0)
+    with pytest.raises(jp.ScenarioError, match="scenario: trajectory"):
+        trajectory(replace(plan.scenario, trajectory=settings))
