@@ -138,7 +138,7 @@ class LeastMotion:
             rest: (J,) or (K + 1, J) rad, joints of devices without a target.
 
         Returns:
-            The nodes after the last step, which may still break something: the certificate has the last word.
+            The nodes after the last step; the certificate tells whether they break something.
         """
         nodes = self.first(times, attitudes, rest)
         price = self.price(nodes)

@@ -97,12 +97,11 @@ def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyAr
         rate: (..., 3) rad/s, ``Omega``.
         tau: (..., 1) s since the chart's start.
         b: (..., 3) rad.
-        *derivatives: (..., 3) each: the first one to three time derivatives of ``b``, rad/s, rad/s^2 and
-            rad/s^3.
+        *derivatives: (..., 3) each: the first one to three time derivatives of ``b``, in rad and s.
 
     Returns:
-        ``gamma`` (..., 3, 3), then (..., 3) each as many of angular velocity, acceleration and jerk as
-        derivatives were given, in rad/s, rad/s^2 and rad/s^3, body axes.
+        ``gamma`` (..., 3, 3), then (..., 3) each as many of angular velocity, acceleration and jerk, in rad
+        and s, body axes, as derivatives were given.
     """
     cross = array_module(rate, tau, b).cross
     eta, (eta_1, *others) = b - tau * rate, (derivatives[0] - rate, *derivatives[1:])
