@@ -171,7 +171,7 @@ def test_an_orbit_is_refused_where_it_has_no_place(plan, tmp_path):
         jp.export(plan, tmp_path / "a", format="czml", epoch=EPOCH, observer="ISS")
     with pytest.raises(ValueError, match="format czml needs the UTC of the start"):
         jp.export(plan, tmp_path / "a", format="czml")
-    short = sky.Ephemeris.through([0, 10], [[7000, 0, 0], [6999, 75, 0]], [[0, 7.5, 0]] * 2)
+    short = sky.Ephemeris.through([0, 10], [[7000, 0, 0], [7000, 75, 0]], [[0, 7.5, 0]] * 2)
     with pytest.raises(ValueError, match=r"is known in \[0, 10\] s"):
         jp.export(plan, tmp_path / "a", format="czml", epoch=EPOCH, observer=short)
     assert not (tmp_path / "a").exists()
