@@ -1,4 +1,4 @@
-"""What wheels store in the states that slews leave, by what they store at the reference.
+"""Find what wheels store in the states that slews leave, from what they store at the reference.
 
 The total momentum of platform and wheels is constant in inertial axes, so what wheels hold in a state follows
 from the state alone, whatever slews led there (`jaxplan.timeline.wheel_momentum`).

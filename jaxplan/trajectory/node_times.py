@@ -289,7 +289,7 @@ class TrapezoidalProfile:
     def places(self, shares: AnyArray) -> AnyArray:
         """Places in [0, 1] at which given fractions of the path are passed: the inverse of `progress`."""
         xp, shares, flank = arrays(shares, self.flank_share)
-        if self.ends is None:
+        if self.ends is None:  # the formulas below at rest, without rounding of their own
             speed = 1 / (1 - flank)
             low = _safe_sqrt(2 * flank * shares / speed)
             high = 1 - _safe_sqrt(2 * flank * (1 - shares) / speed)
