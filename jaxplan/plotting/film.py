@@ -200,8 +200,6 @@ def _choose_writer(target: Path) -> str:
 
 def _check_writable(target: Path) -> None:
     """Raise an OSError if a file cannot be written, before drawing takes minutes."""
-    if target.is_dir():
-        raise IsADirectoryError(f"{target} is a folder: a film needs the name of a file")
     expect_replaceable(target)
     folder = next(parent for parent in target.absolute().parents if parent.exists())
     if not folder.is_dir():
