@@ -103,26 +103,29 @@ def say(message: str) -> None:
     print(message, file=sys.stderr)
 
 
-def save(figure: Any, file: Path, tell: Callable[[str], None] = say) -> None:
-    """Write a figure to a PNG file, as a whole or not at all, and tell its name.
+def save(figure: Any, file: Path) -> None:
+    """Write a figure of matplotlib to a PNG file, as a whole or not at all, and tell its name on stderr.
 
-    Args:
-        figure: of matplotlib.
-        file: where to; an existing file is replaced.
-        tell: function that prints a message; by default to stderr.
+    An existing file is replaced.
     """
-    from jaxplan.plotting import write_png
+    from jaxplan.plotting import draw_png
+
+    say(_write(draw_png(figure, MARK), file))
+
+
+def _write(picture: Callable[[Path], None], file: Path) -> str:
+    """Have a picture written to a file, as a whole or not at all; return the message that it is."""
     from jaxplan.runtime.files import replacing_file
 
     with replacing_file(file) as fresh:
-        write_png(figure, fresh, MARK)
-    tell(f"wrote {file}")
+        picture(fresh)
+    return f"wrote {file}"
 
 
 def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: Any = None) -> None:
     """Write all figures of a plan to a folder as PNG, and remove those that only an earlier plan had.
 
-    A progress bar on stderr names the figure being drawn.
+    A progress bar on stderr names the figure being drawn. Meanwhile a thread writes the figure before it.
 
     Args:
         plan: of a scenario or of a timeline.
@@ -132,13 +135,22 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
         observer: the spacecraft's orbit, for figures in the local orbital frame and the ground track; None to
             leave these out.
     """
+    from concurrent.futures import Future, ThreadPoolExecutor
+
     from jaxplan import plotting
 
     every = plotting.drawings(plan, frequencies, observer)
-    with progress_bar("drawing", "figures", total=len(every)) as bar:
+    with progress_bar("drawing", "figures", total=len(every)) as bar, ThreadPoolExecutor(1) as writer:
+        written: list[Future[str]] = []
         for name, make in every:
             bar.step(name.replace("_", " "))
-            save(make(), folder / f"{name}.png", bar.say)
+            picture = plotting.draw_png(make(), MARK)
+            written.append(writer.submit(_write, picture, folder / f"{name}.png"))
+            while len(written) > 1:
+                bar.say(written.pop(0).result())
+                bar.update()
+        for last in written:
+            bar.say(last.result())
             bar.update()
     for name in sorted(set(plotting.FIGURE_NAMES) - {name for name, _ in every}):
         file = folder / f"{name}.png"

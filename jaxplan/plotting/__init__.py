@@ -19,29 +19,50 @@ line at a limit has ticks on the side that is out of bounds. Axes are in degrees
 spectra in Hz and N m s.
 """
 
-from jaxplan.plotting.constellation_figure import constellation
-from jaxplan.plotting.film import animate
+from typing import TYPE_CHECKING
+
 from jaxplan.plotting.ground_track import ground_track
 from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
-from jaxplan.plotting.method_comparison import comparison_figure as comparison_figure
-from jaxplan.plotting.method_comparison import durations, table4
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
 from jaxplan.plotting.orbital import attitude
 from jaxplan.plotting.sky import globe, sphere
 from jaxplan.plotting.spectrum import spectrum
-from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
-from jaxplan.plotting.study_figures import study_figure as study_figure
 from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.timeline import timeline
-from jaxplan.plotting.trajectory_columns import compare, segments
-from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
+from jaxplan.plotting.whole_plan import draw_png as draw_png
 from jaxplan.plotting.whole_plan import drawings as drawings
 from jaxplan.plotting.whole_plan import figures, overview
 from jaxplan.plotting.whole_plan import inline_figures as inline_figures
-from jaxplan.plotting.whole_plan import write_png as write_png
+from jaxplan.runtime.lazy_imports import late
+
+if TYPE_CHECKING:  # those that are not drawn of a single plan
+    from jaxplan.plotting.constellation_figure import constellation
+    from jaxplan.plotting.film import animate
+    from jaxplan.plotting.method_comparison import comparison_figure as comparison_figure
+    from jaxplan.plotting.method_comparison import durations, table4
+    from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
+    from jaxplan.plotting.study_figures import study_figure as study_figure
+    from jaxplan.plotting.trajectory_columns import compare, segments
+    from jaxplan.plotting.tuning_panels import tuning
+
+__getattr__ = late(
+    __name__,
+    {
+        name: f"jaxplan.plotting.{module}:{name}"
+        for module, names in {
+            "constellation_figure": ("constellation",),
+            "film": ("animate",),
+            "method_comparison": ("comparison_figure", "durations", "table4"),
+            "study_figures": ("distribution", "outcomes", "study", "study_figure", "success_rates"),
+            "trajectory_columns": ("compare", "segments"),
+            "tuning_panels": ("tuning",),
+        }.items()
+        for name in names
+    },
+)
 
 # Functions for users; names imported "as" themselves are for the command line and the report.
 __all__ = [

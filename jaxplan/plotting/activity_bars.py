@@ -21,7 +21,6 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from scipy.optimize import isotonic_regression
 
 from jaxplan.model.activities import Activity
 from jaxplan.plotting.day import followings
@@ -312,6 +311,8 @@ def spread(places: np.ndarray, pitch: float, width: float) -> np.ndarray:
     """
     if not len(places):
         return places
+    from scipy.optimize import isotonic_regression  # slow to import, so not at the top
+
     steps = pitch * np.arange(len(places))
     free = isotonic_regression(places - steps).x
     return np.asarray(np.clip(free, pitch / 2, width - pitch / 2 - steps[-1]) + steps)

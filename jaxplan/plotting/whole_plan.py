@@ -226,12 +226,13 @@ def inline_figures(
             yield name, _to_data_url(figure, hatched=name == "timeline")
 
 
-def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> None:
-    """Write a figure's picture to a file, drawing it once only; ``savefig`` would draw it twice.
+def draw_png(figure: Figure, software: str) -> Callable[[str | os.PathLike[str]], None]:
+    """Draw a figure once only, as ``savefig`` would not, and return the function that writes the picture.
+
+    That function takes the name of the file. Another thread can call it while the next figure is drawn.
 
     Args:
         figure: with a background that is not transparent; its resolution is changed.
-        file: the file to be written.
         software: entry "Software" in the file.
     """
     figure.set_dpi(_SCREEN_DPI)
@@ -240,7 +241,7 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
     said = PngInfo()
     said.add_text("Software", software)
     dots, picture = (_SCREEN_DPI, _SCREEN_DPI), Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    picture.save(file, format="png", dpi=dots, pnginfo=said, compress_level=_PNG_COMPRESSION)
+    return partial(picture.save, format="png", dpi=dots, pnginfo=said, compress_level=_PNG_COMPRESSION)
 
 
 def _to_data_url(figure: Figure, *, hatched: bool = False) -> str:

@@ -72,9 +72,7 @@ _LONGEST_WAIT = 1.0  # s, for another thread's trace to end; then all go on
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
 
 
-def quick_jit(
-    function: Callable[..., Answer], *, level: int | None = None, **options: Any
-) -> Callable[..., Answer]:
+def quick_jit(function: Callable[..., Answer], *, level: int = 3, **options: Any) -> Callable[..., Answer]:
     """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
 
     The time is halved only with an XLA that still has the older kind of loops (see the module). A thread that
@@ -83,17 +81,17 @@ def quick_jit(
 
     Args:
         function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
-        level: how far LLVM optimises, from 0 to 3; None for the highest. At 1, kernels of many small steps
-            compile in three quarters of the time and run as quickly, but those of long loops take half as
-            long again to run. At 0, for what runs a few times, they compile in a third of the time and take
-            three times as long to run.
+        level: how far LLVM optimises, from 0 to 3. At 1, kernels of many small steps compile in three
+            quarters of the time and run as quickly, but those of long loops take half as long again to run.
+            At 0, for what runs a few times, they compile in a third of the time and take three times as long
+            to run.
         options: static_argnums or static_argnames, as of `jax.jit`.
 
     Returns:
         The same function, jitted.
     """
     traced, static = jax.jit(function, **options), _static_arguments(function, **options)
-    asked = _QUICK_OPTIONS if level is None else _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
+    asked = _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
     told = os.environ.get("XLA_FLAGS", "")  # what is told there, such as tests do, holds for all kernels
     flags = {name: value for name, value in asked.items() if f"--{name}=" not in told}
     known: dict[Hashable, Callable[..., Answer]] = {}
@@ -243,21 +241,30 @@ def materialise(positive: ArrayLike, values: Any) -> Any:
     return jax.lax.cond(jnp.asarray(positive) > 0, lambda v: v, lambda v: jax.tree.map(never, v), values)
 
 
+_option_names: dict[str, bool] = {}  # of the compiler options that were tried, whether this XLA has them
+_trying = threading.Lock()
+
+
 def known_options(**options: bool | int) -> dict[str, bool | int]:
     """Return those of some compiler options that this XLA has for the CPU; none on other devices.
 
     Options come and go with XLA's releases, and compiling with one that is not known fails.
     """
-    return {name: value for name, value in options.items() if _is_option_known(name, value)}
-
-
-@cache
-def _is_option_known(name: str, value: bool | int) -> bool:
-    """Tell whether kernels run on the CPU and XLA knows this option with this value."""
     if jax.default_backend() != "cpu":
-        return False
+        return {}
+    with _trying:
+        untried = {name: value for name, value in options.items() if name not in _option_names}
+        if untried and _are_accepted(untried):
+            _option_names.update(dict.fromkeys(untried, True))
+        for name in untried.keys() - _option_names.keys():
+            _option_names[name] = _are_accepted({name: untried[name]})
+        return {name: value for name, value in options.items() if _option_names[name]}
+
+
+def _are_accepted(options: dict[str, bool | int]) -> bool:
+    """Tell whether XLA compiles something with these options."""
     try:
-        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
+        jax.jit(lambda: 0, compiler_options=options).lower().compile()
     except jax.errors.JaxRuntimeError:
         return False
     return True

@@ -392,8 +392,10 @@ def test_each_figure_is_named_on_the_bar_while_it_is_drawn(monkeypatch, tmp_path
     common.draw(None, tmp_path)
     assert told == [
         ("drawing", "figures", 2),
-        *("orbital sphere", f"wrote {tmp_path / 'orbital_sphere.png'}", "done"),
-        *("angles", f"wrote {tmp_path / 'angles.png'}", "done"),
+        "orbital sphere",
+        "angles",  # is drawn while the one before is written
+        *(f"wrote {tmp_path / 'orbital_sphere.png'}", "done"),
+        *(f"wrote {tmp_path / 'angles.png'}", "done"),
     ]
     assert all((tmp_path / f"{name}.png").stat().st_size for name, _ in made)
 

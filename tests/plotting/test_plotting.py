@@ -25,7 +25,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
-from jaxplan.plotting import margin_panels, projections, sky, style, tracks, write_png, zones
+from jaxplan.plotting import draw_png, margin_panels, projections, sky, style, tracks, zones
 from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.projections import FlatMap
 from jaxplan.trajectory.zone_margins import ZoneMargins
@@ -761,7 +761,7 @@ def test_times_of_nodes_are_marked_below_every_panel() -> None:
 
 def test_a_picture_is_that_of_savefig(tmp_path) -> None:
     jp.plot.sphere(make_plan()).figure.savefig(tmp_path / "saved.png", dpi=150)
-    write_png(jp.plot.sphere(make_plan()).figure, tmp_path / "written.png", "us")
+    draw_png(jp.plot.sphere(make_plan()).figure, "us")(tmp_path / "written.png")
     with Image.open(tmp_path / "saved.png") as saved, Image.open(tmp_path / "written.png") as written:
         assert (written.mode, written.text) == ("RGB", {"Software": "us"})
         np.testing.assert_allclose(written.info["dpi"], 150, rtol=1e-4)

@@ -1,5 +1,6 @@
 """Names that are imported late: found in their homes, and never at the cost of the error of an import."""
 
+import re
 import subprocess
 import sys
 
@@ -42,4 +43,4 @@ def test_an_import_that_fails_beneath_a_name_says_what_is_missing(load, name):
 def test_figures_without_matplotlib_say_that_it_is_missing():
     program = "import sys; sys.modules['matplotlib'] = None\nimport jaxplan as jp\njp.plot.sphere"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert done.stderr.splitlines()[-1].startswith("ModuleNotFoundError: import of matplotlib halted")
+    assert re.match("ModuleNotFoundError: .*matplotlib", done.stderr.splitlines()[-1])
