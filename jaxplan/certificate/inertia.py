@@ -24,8 +24,9 @@ derivative. What errors of the angles and of ``w`` do to the momentum follows fr
 order.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -62,22 +63,27 @@ class Stage:
         """(3, 3) kg m^2, its inertia in body axes at zero joint angles."""
         return self.axes.T @ self.inertia @ self.axes
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Spectral norm of its inertia, kg m^2: the largest factor by which it lengthens a vector."""
         return float(np.linalg.norm(self.inertia, 2))
 
 
-def stages(craft: Spacecraft) -> Iterator[Stage]:
-    """Yield the stages of a spacecraft: the parts with an inertia of their own."""
+@lru_cache(maxsize=16)
+def stages(craft: Spacecraft) -> tuple[Stage, ...]:
+    """Return the stages of a spacecraft: the parts with an inertia of their own."""
     axes, count = Mountings.of(craft).axes, len(craft.terminals)
+    found = []
     for number, terminal in enumerate(craft.terminals):
         for given, pitch in ((terminal.yaw_inertia, None), (terminal.pitch_inertia, count + number)):
             if given is not None:
-                yield Stage(axes=axes[number], inertia=matrix(given), yaw=number, pitch=pitch)
+                found.append(Stage(axes=axes[number], inertia=matrix(given), yaw=number, pitch=pitch))
     for number, drive in enumerate(craft.drives, count):
         if drive.inertia is not None:
-            yield Stage(axes=axes[number], inertia=matrix(drive.inertia), yaw=count + number, pitch=None)
+            found.append(
+                Stage(axes=axes[number], inertia=matrix(drive.inertia), yaw=count + number, pitch=None)
+            )
+    return tuple(found)
 
 
 def matrix(given: np.ndarray) -> np.ndarray:
@@ -135,15 +141,16 @@ def _compute_momentum_and_change(evidence: Evidence, craft: Spacecraft) -> tuple
     inertia, size = fixed(craft)
     spin, joints, half = evidence.samples.spin, evidence.samples.joints, evidence.on.half
     values = [np.einsum("ij,jnm->inm", inertia, spin[order]) for order in range(2)]
-    left_out = [size * evidence.left_out.spin[order] for order in range(2)]
-    rounding = [size * evidence.rounding.spin[order] for order in range(2)]
-    for stage, own in zip(stages(craft), _stage_majorants(evidence.majorants, craft), strict=True):
-        error, series_of = _stage_rounding(evidence, stage), (own, series.slope(own))
+    for stage in stages(craft):
         for order, carried in enumerate(_stage_momentum_and_change(stage, spin, joints)):
             values[order] = values[order] + carried
-            unit = half ** (order + 1)
-            left_out[order] = left_out[order] + _INTERPOLATION_FACTOR * series_of[order][DEGREE + 1] / unit
-            rounding[order] = rounding[order] + error[order] / unit
+    of_stages, error = _stage_majorants(evidence.majorants, craft), _stage_rounding(evidence, craft)
+    left_out, rounding = [], []
+    for order, own in enumerate((of_stages, series.slope(of_stages))):
+        unit = half ** (order + 1)
+        beyond = _INTERPOLATION_FACTOR * np.sum(own[DEGREE + 1], axis=0) / unit
+        left_out.append(size * evidence.left_out.spin[order] + beyond)
+        rounding.append(size * evidence.rounding.spin[order] + np.sum(error[order], axis=0) / unit)
     first, second = zip(values, left_out, rounding, strict=True)
     return first, second
 
@@ -159,10 +166,8 @@ def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndar
 
 def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
     """Return the majorant (orders, n), N m s^2, of the momentum ``L`` times the half widths of intervals."""
-    found = fixed(craft)[1] * majorants.spin
-    for own in _stage_majorants(majorants, craft):
-        found = found[: len(own)] + own
-    return found
+    found, of_stages = fixed(craft)[1] * majorants.spin, _stage_majorants(majorants, craft)
+    return found[: len(of_stages)] + np.sum(of_stages, axis=1) if stages(craft) else found
 
 
 def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majorants: Majorants) -> np.ndarray:
@@ -174,12 +179,13 @@ def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majoran
         on: n intervals.
         majorants: those of the motion on them.
     """
-    found, half = np.zeros(len(on.half)), on.half
-    for own in _stage_majorants(majorants, craft):
-        crossed = series.product("n,n->n", majorants.spin, own)[DEGREE + 1]
-        torque = series.slope(own)[DEGREE + 1] + crossed
-        for limit, left_out in zip(least, (own[DEGREE + 1] / half, torque / half**2), strict=True):
-            found = np.maximum(found, _INTERPOLATION_FACTOR * left_out / (NEGLIGIBLE * limit))
+    own, half = _stage_majorants(majorants, craft), on.half
+    crossed = series.product("n,sn->sn", majorants.spin, own)[DEGREE + 1]
+    torque = series.slope(own)[DEGREE + 1] + crossed
+    found = np.zeros(len(half))
+    for limit, left_out in zip(least, (own[DEGREE + 1] / half, torque / half**2), strict=True):
+        largest = np.max(left_out, axis=0, initial=0.0)
+        found = np.maximum(found, _INTERPOLATION_FACTOR * largest / (NEGLIGIBLE * limit))
     return np.nan_to_num(found, nan=np.inf)
 
 
@@ -226,26 +232,74 @@ def _stage_momentum_and_change(
     at = _stage_axes(stage, joints[0])
     rate, driven = _stage_rate(stage, at, joints, 1), spin[1] + _stage_rate(stage, at, joints, 2)
     if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws
-        across = np.cross(at[:, 1], stage.axes[2][:, None, None], axis=0)
+        across = cross(at[:, 1], stage.axes[2][:, None, None])
         driven = driven + joints[1, stage.yaw] * joints[1, stage.pitch] * across
-    driven = driven + np.cross(spin[0], rate, axis=0)
+    driven = driven + cross(spin[0], rate)
     momentum = _times_inertia(stage, at, spin[0] + rate)
-    return momentum, np.cross(rate, momentum, axis=0) + _times_inertia(stage, at, driven)
+    return momentum, cross(rate, momentum) + _times_inertia(stage, at, driven)
 
 
-def _angle_majorants(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
-    """Return majorants (orders, n) of a stage's yaw and pitch (zero if none), rad, less constant terms."""
-    yaw = majorants.joints[:, stage.yaw].copy()
-    pitch = np.zeros_like(yaw) if stage.pitch is None else majorants.joints[:, stage.pitch].copy()
+def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return vector products (3, ...) of vectors (3, ...), components first; quicker than numpy's own."""
+    (a, b, c), (x, y, z) = first, second
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
+def _of_joints(values: np.ndarray, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Pick what belongs to each of s stages' yaw and pitch (zero if none), (orders, s, n), by joint.
+
+    `values` are (orders, J, n).
+    """
+    every = stages(craft)
+    yaw = values[:, [one.yaw for one in every]]
+    pitch = values[:, [-1 if one.pitch is None else one.pitch for one in every]]
+    pitch[:, [one.pitch is None for one in every]] = 0
+    return yaw, pitch
+
+
+def _angle_majorants(majorants: Majorants, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+    """Return majorants (orders, s, n) of stages' yaws and pitches, rad, less constant terms."""
+    yaw, pitch = _of_joints(majorants.joints, craft)
     yaw[0] = pitch[0] = 0
     return yaw, pitch
 
 
-def _stage_majorants(majorants: Majorants, craft: Spacecraft) -> list[np.ndarray]:
-    """Return `_stage_majorant` of every stage; they are computed once and kept in `majorants`."""
-    return _compute_once(
-        majorants, "_of_stages", craft, lambda: [_stage_majorant(majorants, own) for own in stages(craft)]
-    )
+def _sizes(craft: Spacecraft) -> np.ndarray:
+    """Return the sizes (s, 1) of the stages, kg m^2."""
+    return np.array([one.size for one in stages(craft)]).reshape(-1, 1)
+
+
+def _stage_majorants(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
+    """Return majorants (orders, s, n), N m s^2, of stages' momenta times the half widths of intervals.
+
+    They are computed once and kept in `majorants`.
+    """
+    return _compute_once(majorants, "_of_stages", craft, lambda: _make_stage_majorants(majorants, craft))
+
+
+def _make_stage_majorants(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
+    """Compute the result of `_stage_majorants`."""
+    yaw, pitch = _angle_majorants(majorants, craft)
+    swung = series.product("sn,sn->sn", series.slope(pitch), series.exponential(yaw))
+    spinning = majorants.spin[: len(swung), None] + series.slope(yaw) + swung
+    return _sizes(craft) * series.product("sn,sn->sn", series.exponential(2 * (yaw + pitch)), spinning)
+
+
+def _stage_rounding(evidence: Evidence, craft: Spacecraft) -> np.ndarray:
+    """Return sizes (2, s, n) of rounding errors of stages' parts of h L and of h^2 L', h the half widths."""
+    bounds, half = evidence.majorants, evidence.on.half
+    yaw, pitch = (own[:3] for own in _angle_majorants(bounds, craft))
+    unit = half ** np.arange(3)[:, None] / np.array([1, 1, 2])[:, None]
+    off_yaw, off_pitch = _of_joints(evidence.rounding.joints[:3] * unit[:, None], craft)
+    off_spin = evidence.rounding.spin[:2] * half ** np.arange(1, 3)[:, None]
+    turning, about = series.exponential(2 * (yaw + pitch)), series.exponential(yaw)
+    swung = series.product("sn,sn->sn", series.slope(pitch), about)
+    spinning = bounds.spin[:2, None] + series.slope(yaw) + swung
+    swung_off = series.product("sn,sn->sn", series.slope(off_pitch), about)
+    off = off_spin[:, None] + series.slope(off_yaw) + swung_off
+    off += series.product("sn,sn->sn", swung, off_yaw)
+    off += series.product("sn,sn->sn", 2 * (off_yaw + off_pitch), spinning) + ROUNDING * spinning
+    return _sizes(craft) * series.product("sn,sn->sn", turning, off)
 
 
 def _compute_once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:
@@ -254,28 +308,3 @@ def _compute_once(owner: object, name: str, craft: Spacecraft, make: Callable[[]
     if name not in known or known[name][0] is not craft:
         known[name] = craft, make()
     return known[name][1]
-
-
-def _stage_majorant(majorants: Majorants, stage: Stage) -> np.ndarray:
-    """Return the majorant (orders, n), N m s^2, of a stage's momentum times the half widths of intervals."""
-    yaw, pitch = _angle_majorants(majorants, stage)
-    swung = series.product("n,n->n", series.slope(pitch), series.exponential(yaw))
-    spinning = majorants.spin[: len(swung)] + series.slope(yaw) + swung
-    return stage.size * series.product("n,n->n", series.exponential(2 * (yaw + pitch)), spinning)
-
-
-def _stage_rounding(evidence: Evidence, stage: Stage) -> np.ndarray:
-    """Return sizes (2, n) of rounding errors of a stage's part of h L and of h^2 L', h the half widths."""
-    bounds, half = evidence.majorants, evidence.on.half
-    yaw, pitch = (own[:3] for own in _angle_majorants(bounds, stage))
-    unit = half ** np.arange(3)[:, None] / np.array([1, 1, 2])[:, None]
-    off_yaw = evidence.rounding.joints[:, stage.yaw] * unit
-    off_pitch = 0 * off_yaw if stage.pitch is None else evidence.rounding.joints[:, stage.pitch] * unit
-    off_spin = evidence.rounding.spin[:2] * half ** np.arange(1, 3)[:, None]
-    turning, about = series.exponential(2 * (yaw + pitch)), series.exponential(yaw)
-    swung = series.product("n,n->n", series.slope(pitch), about)
-    spinning = bounds.spin[:2] + series.slope(yaw) + swung
-    off = off_spin + series.slope(off_yaw) + series.product("n,n->n", series.slope(off_pitch), about)
-    off += series.product("n,n->n", swung, off_yaw)
-    off += series.product("n,n->n", 2 * (off_yaw + off_pitch), spinning) + ROUNDING * spinning
-    return stage.size * series.product("n,n->n", turning, off)

@@ -133,7 +133,7 @@ def _sample_torque(evidence: Evidence, spacecraft: Spacecraft) -> _SamplesWithEr
     """Torque ``L' + w x L`` in body axes, N m, with error bounds."""
     momentum, _, of_momentum = inertia.momentum(evidence, spacecraft)
     change, left_out, rounding = inertia.change(evidence, spacecraft)
-    torque = change + np.cross(evidence.samples.spin[0], momentum, axis=0)
+    torque = change + inertia.cross(evidence.samples.spin[0], momentum)
     speed, half = evidence.majorants.spin, evidence.on.half
     carried = inertia.majorant(evidence.majorants, spacecraft)
     crossed = series.product("n,n->n", speed, carried)[DEGREE + 1] / half**2

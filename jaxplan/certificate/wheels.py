@@ -60,7 +60,7 @@ def torques(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
     """
     change, of_change, rounding = inertia.change(evidence, craft)
     total, carried = _total_momentum(evidence, craft)
-    values = change + np.cross(evidence.samples.spin[0], carried, axis=0)
+    values = change + inertia.cross(evidence.samples.spin[0], carried)
     half, speed, turned = evidence.on.half, evidence.majorants.spin, evidence.majorants.attitude
     crossed = series.product("n,n->n", speed, turned[: len(speed)])[DEGREE + 1] / half
     left_out = of_change + 2.0 ** (1 - DEGREE) * total * crossed

@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.geometry.vectors import AnyArray, arrays, length, min_along
+from jaxplan.geometry.vectors import AnyArray, arrays, cross, dot, length, min_along
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.quadratic import inverse_of, largest_size
 from jaxplan.model.spacecraft import Spacecraft
@@ -249,10 +249,11 @@ def _axis_triples(axes: AnyArray) -> tuple[np.ndarray, AnyArray, AnyArray]:
     """
     xp, axes = arrays(axes)
     three = np.array(list(combinations(range(len(axes)), 3)))
-    first, second, third = (axes[three[:, place]] for place in range(3))
-    across = xp.stack([xp.cross(second, third), xp.cross(third, first), xp.cross(first, second)], axis=2)
-    volume = xp.sum(first * across[..., 0], axis=1)
-    inverses = across / xp.where(xp.abs(volume) < _PLANAR_VOLUME, 1, volume)[:, None, None]
+    first, second, third = (axes[three[:, place]].T for place in range(3))
+    pairs = (second, third), (third, first), (first, second)
+    across = xp.stack([xp.stack(cross(*pair)) for pair in pairs])  # (pair, component, t)
+    volume = dot(first, across[0])
+    inverses = across.T / xp.where(xp.abs(volume) < _PLANAR_VOLUME, 1, volume)[:, None, None]
     return three, inverses, xp.abs(volume)
 
 

@@ -199,13 +199,22 @@ class LoadBlock:
         """(G,) bool for each curve, whether a step may reach a bound: unless all its slacks are large."""
         return ~np.all(self.slack > _OUT_OF_REACH_SHARE, axis=(1, 2, 3))
 
+    @cached_property
+    def _slope_cache(self) -> dict[int, np.ndarray]:
+        """Results of `_local_slopes` by number of the curve."""
+        return {}
+
     def _local_slopes(self, curve: int) -> np.ndarray:
         """Derivatives of a curve's load over its limit, (S, c, 4, B): place, component, derivative, axis."""
+        known = self._slope_cache.get(curve)
+        if known is not None:
+            return known
         slopes = load_slopes(self.at, curve)
         found = slopes[:, self.own] * self.scale[curve, :, None, None]
         if self.lesser is not None:
             part, scale = self.lesser
             found = found + slopes[:, part] * scale[curve, :, None, None]
+        self._slope_cache[curve] = found
         return found
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:

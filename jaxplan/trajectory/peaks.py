@@ -20,7 +20,7 @@ axes. Where stages of gimbals have an inertia the loads depend on the joints, to
 needed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -56,6 +56,7 @@ _RANGE_ROUNDING = 1e-9  # of a joint's range, by which it may be exceeded, since
 _REFINEMENT_FACTOR = 2  # factor on the number of points, where stages turn far on a piece
 _MAX_REFINEMENTS = 4  # most times that this factor is applied
 _FEW_PIECES = 8  # pieces; where a trajectory has more, they are short and take fewer points
+_NO_LESSER_PART = 1e-13  # of a limit; lesser parts below this are rounding
 _POINTS_PER_BLOCK = 4096  # points computed together; intermediate results stay in the processor's cache
 
 _MAX_SERIES_SQUARE = 0.05  # rad^2, square of the angle below which series are used
@@ -175,7 +176,7 @@ def _make_peaks(
         if lesser is not None:
             limit = limits[0][number]
             whole, slow = loads[:, :, parts[number]] / limit.bound, loads[:, :, lesser] / limit.bound
-            if np.any(slow):  # else, as of empty wheels, it falls by its power alone
+            if not np.all(np.abs(slow) <= _NO_LESSER_PART):  # else, as of empty wheels, there is none
                 rooted[number] = rooted_factors(whole - slow, slow, limit.quantity.power)
     return Peaks(
         names=tuple(name for limit in every for name in limit.names),
@@ -199,8 +200,7 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
 
     def kind(one: tuple[Asked, int]) -> tuple[Any, ...]:
         (trajectory, craft, names), points = one
-        alone = None if craft.stages is None else id(craft)  # stages differ between spacecraft
-        return points, trajectory.coefficients.shape[1], names, wheel_rows(craft), alone
+        return points, trajectory.coefficients.shape[1], names, wheel_rows(craft), _stages_key(craft)
 
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
         return in_groups(
@@ -228,6 +228,14 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
         for number, own in zip(again, more, strict=True):
             found[number] = own
     return found
+
+
+def _stages_key(craft: Spacecraft) -> Hashable:
+    """Return a key that is equal for spacecraft with equal gimbal stages; None for one without."""
+    stages = craft.stages
+    if stages is None:
+        return None
+    return stages.turned, np.asarray(stages.frames).tobytes(), np.asarray(stages.inertias).tobytes()
 
 
 def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
