@@ -26,7 +26,7 @@ order.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -69,8 +69,7 @@ class Stage:
         return float(np.linalg.norm(self.inertia, 2))
 
 
-@lru_cache(maxsize=16)
-def stages(craft: Spacecraft) -> tuple[Stage, ...]:
+def stages(craft: Spacecraft) -> list[Stage]:
     """Return the stages of a spacecraft: the parts with an inertia of their own."""
     axes, count = Mountings.of(craft).axes, len(craft.terminals)
     found = []
@@ -83,7 +82,7 @@ def stages(craft: Spacecraft) -> tuple[Stage, ...]:
             found.append(
                 Stage(axes=axes[number], inertia=matrix(drive.inertia), yaw=count + number, pitch=None)
             )
-    return tuple(found)
+    return found
 
 
 def matrix(given: np.ndarray) -> np.ndarray:
@@ -141,10 +140,11 @@ def _compute_momentum_and_change(evidence: Evidence, craft: Spacecraft) -> tuple
     inertia, size = fixed(craft)
     spin, joints, half = evidence.samples.spin, evidence.samples.joints, evidence.on.half
     values = [np.einsum("ij,jnm->inm", inertia, spin[order]) for order in range(2)]
-    for stage in stages(craft):
+    every = _known_stages(evidence.majorants, craft)
+    for stage in every:
         for order, carried in enumerate(_stage_momentum_and_change(stage, spin, joints)):
             values[order] = values[order] + carried
-    of_stages, error = _stage_majorants(evidence.majorants, craft), _stage_rounding(evidence, craft)
+    of_stages, error = _stage_majorants(evidence.majorants, craft), _stage_rounding(evidence, every)
     left_out, rounding = [], []
     for order, own in enumerate((of_stages, series.slope(of_stages))):
         unit = half ** (order + 1)
@@ -166,8 +166,11 @@ def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndar
 
 def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
     """Return the majorant (orders, n), N m s^2, of the momentum ``L`` times the half widths of intervals."""
-    found, of_stages = fixed(craft)[1] * majorants.spin, _stage_majorants(majorants, craft)
-    return found[: len(of_stages)] + np.sum(of_stages, axis=1) if stages(craft) else found
+    found = fixed(craft)[1] * majorants.spin
+    if not _known_stages(majorants, craft):
+        return found
+    of_stages = _stage_majorants(majorants, craft)
+    return np.asarray(found[: len(of_stages)] + np.sum(of_stages, axis=1))
 
 
 def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majorants: Majorants) -> np.ndarray:
@@ -245,28 +248,35 @@ def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.stack([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
-def _of_joints(values: np.ndarray, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Pick what belongs to each of s stages' yaw and pitch (zero if none), (orders, s, n), by joint.
+def _of_joints(values: np.ndarray, every: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
+    """Pick from values (orders, J, n) of joints those of s stages' yaws and pitches, each (orders, s, n).
 
-    `values` are (orders, J, n).
+    Of a stage without pitch the latter are zero.
     """
-    every = stages(craft)
     yaw = values[:, [one.yaw for one in every]]
     pitch = values[:, [-1 if one.pitch is None else one.pitch for one in every]]
     pitch[:, [one.pitch is None for one in every]] = 0
     return yaw, pitch
 
 
-def _angle_majorants(majorants: Majorants, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+def _angle_majorants(majorants: Majorants, every: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
     """Return majorants (orders, s, n) of stages' yaws and pitches, rad, less constant terms."""
-    yaw, pitch = _of_joints(majorants.joints, craft)
+    yaw, pitch = _of_joints(majorants.joints, every)
     yaw[0] = pitch[0] = 0
     return yaw, pitch
 
 
-def _sizes(craft: Spacecraft) -> np.ndarray:
-    """Return the sizes (s, 1) of the stages, kg m^2."""
-    return np.array([one.size for one in stages(craft)]).reshape(-1, 1)
+def _sizes(every: Sequence[Stage]) -> np.ndarray:
+    """Return the sizes (s, 1) of stages, kg m^2."""
+    return np.array([one.size for one in every]).reshape(-1, 1)
+
+
+def _known_stages(majorants: Majorants, craft: Spacecraft) -> list[Stage]:
+    """Return the stages; they are made once for each certificate and kept in `majorants`.
+
+    Not longer, since what a spacecraft holds may be changed in place.
+    """
+    return _compute_once(majorants, "_stages", craft, lambda: stages(craft))
 
 
 def _stage_majorants(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
@@ -274,23 +284,24 @@ def _stage_majorants(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
 
     They are computed once and kept in `majorants`.
     """
-    return _compute_once(majorants, "_of_stages", craft, lambda: _make_stage_majorants(majorants, craft))
+    every = _known_stages(majorants, craft)
+    return _compute_once(majorants, "_of_stages", craft, lambda: _make_stage_majorants(majorants, every))
 
 
-def _make_stage_majorants(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
+def _make_stage_majorants(majorants: Majorants, every: Sequence[Stage]) -> np.ndarray:
     """Compute the result of `_stage_majorants`."""
-    yaw, pitch = _angle_majorants(majorants, craft)
+    yaw, pitch = _angle_majorants(majorants, every)
     swung = series.product("sn,sn->sn", series.slope(pitch), series.exponential(yaw))
     spinning = majorants.spin[: len(swung), None] + series.slope(yaw) + swung
-    return _sizes(craft) * series.product("sn,sn->sn", series.exponential(2 * (yaw + pitch)), spinning)
+    return _sizes(every) * series.product("sn,sn->sn", series.exponential(2 * (yaw + pitch)), spinning)
 
 
-def _stage_rounding(evidence: Evidence, craft: Spacecraft) -> np.ndarray:
+def _stage_rounding(evidence: Evidence, every: Sequence[Stage]) -> np.ndarray:
     """Return sizes (2, s, n) of rounding errors of stages' parts of h L and of h^2 L', h the half widths."""
     bounds, half = evidence.majorants, evidence.on.half
-    yaw, pitch = (own[:3] for own in _angle_majorants(bounds, craft))
+    yaw, pitch = (own[:3] for own in _angle_majorants(bounds, every))
     unit = half ** np.arange(3)[:, None] / np.array([1, 1, 2])[:, None]
-    off_yaw, off_pitch = _of_joints(evidence.rounding.joints[:3] * unit[:, None], craft)
+    off_yaw, off_pitch = _of_joints(evidence.rounding.joints[:3] * unit[:, None], every)
     off_spin = evidence.rounding.spin[:2] * half ** np.arange(1, 3)[:, None]
     turning, about = series.exponential(2 * (yaw + pitch)), series.exponential(yaw)
     swung = series.product("sn,sn->sn", series.slope(pitch), about)
@@ -299,7 +310,7 @@ def _stage_rounding(evidence: Evidence, craft: Spacecraft) -> np.ndarray:
     off = off_spin[:, None] + series.slope(off_yaw) + swung_off
     off += series.product("sn,sn->sn", swung, off_yaw)
     off += series.product("sn,sn->sn", 2 * (off_yaw + off_pitch), spinning) + ROUNDING * spinning
-    return _sizes(craft) * series.product("sn,sn->sn", turning, off)
+    return _sizes(every) * series.product("sn,sn->sn", turning, off)
 
 
 def _compute_once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:

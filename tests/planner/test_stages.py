@@ -99,6 +99,16 @@ def test_what_is_just_tighter_is_broken_and_refused(plans):
             assert any(words in fault for fault in refused.faults), refused.faults
 
 
+def test_an_inertia_that_is_changed_in_place_is_proved_anew(plans):
+    plan = plans[0]
+    craft, moments = plan.scenario.spacecraft, np.full(3, 1e-3)
+    terminals = (replace(craft.terminals[0], pitch_inertia=moments), *craft.terminals[1:])
+    own = replace(plan, scenario=replace(plan.scenario, spacecraft=replace(craft, terminals=terminals)))
+    before = jp.certify(own).peaks
+    moments *= 100
+    assert jp.certify(own).peaks != before
+
+
 def test_no_plan_is_quicker_than_its_bound_and_shortest_motions_use_what_there_is(plans):
     for plan in plans:
         assert plan.duration_bound <= plan.trajectory.duration
