@@ -168,7 +168,7 @@ def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
     """Return the majorant (orders, n), N m s^2, of the momentum ``L`` times the half widths of intervals."""
     found = fixed(craft)[1] * majorants.spin
     if not _known_stages(majorants, craft):
-        return found
+        return found  # in all its orders; those of stages are fewer
     of_stages = _stage_majorants(majorants, craft)
     return np.asarray(found[: len(of_stages)] + np.sum(of_stages, axis=1))
 

@@ -15,7 +15,7 @@ from glob import escape
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jaxplan.runtime.progress import progress_bar
+from jaxplan.runtime.progress import Bar, progress_bar
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3  # exit codes
 MARK = "jaxplan"  # software named in the PNG files written here; only files with it are ever removed
@@ -139,6 +139,10 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
 
     from jaxplan import plotting
 
+    def tell(bar: Bar, done: Future[str]) -> None:
+        bar.say(done.result())
+        bar.update()
+
     every = plotting.drawings(plan, frequencies, observer)
     with progress_bar("drawing", "figures", total=len(every)) as bar, ThreadPoolExecutor(1) as writer:
         written: list[Future[str]] = []
@@ -146,12 +150,10 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
             bar.step(name.replace("_", " "))
             picture = plotting.draw_png(make(), MARK)
             written.append(writer.submit(_write, picture, folder / f"{name}.png"))
-            while len(written) > 1:
-                bar.say(written.pop(0).result())
-                bar.update()
-        for last in written:
-            bar.say(last.result())
-            bar.update()
+            if len(written) > 1:
+                tell(bar, written[-2])
+        for last in written[-1:]:
+            tell(bar, last)
     for name in sorted(set(plotting.FIGURE_NAMES) - {name for name, _ in every}):
         file = folder / f"{name}.png"
         if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # other pictures are kept

@@ -48,21 +48,23 @@ if TYPE_CHECKING:  # those that are not drawn of a single plan
     from jaxplan.plotting.trajectory_columns import compare, segments
     from jaxplan.plotting.tuning_panels import tuning
 
-__getattr__ = late(
-    __name__,
-    {
-        name: f"jaxplan.plotting.{module}:{name}"
-        for module, names in {
-            "constellation_figure": ("constellation",),
-            "film": ("animate",),
-            "method_comparison": ("comparison_figure", "durations", "table4"),
-            "study_figures": ("distribution", "outcomes", "study", "study_figure", "success_rates"),
-            "trajectory_columns": ("compare", "segments"),
-            "tuning_panels": ("tuning",),
-        }.items()
-        for name in names
-    },
-)
+_HOMES = {
+    "animate": "jaxplan.plotting.film:animate",
+    "compare": "jaxplan.plotting.trajectory_columns:compare",
+    "comparison_figure": "jaxplan.plotting.method_comparison:comparison_figure",
+    "constellation": "jaxplan.plotting.constellation_figure:constellation",
+    "distribution": "jaxplan.plotting.study_figures:distribution",
+    "durations": "jaxplan.plotting.method_comparison:durations",
+    "outcomes": "jaxplan.plotting.study_figures:outcomes",
+    "segments": "jaxplan.plotting.trajectory_columns:segments",
+    "study": "jaxplan.plotting.study_figures:study",
+    "study_figure": "jaxplan.plotting.study_figures:study_figure",
+    "success_rates": "jaxplan.plotting.study_figures:success_rates",
+    "table4": "jaxplan.plotting.method_comparison:table4",
+    "tuning": "jaxplan.plotting.tuning_panels:tuning",
+}
+
+__getattr__ = late(__name__, _HOMES)
 
 # Functions for users; names imported "as" themselves are for the command line and the report.
 __all__ = [
