@@ -25,6 +25,8 @@ import hypothesis
 import jax
 import pytest
 
+from jaxplan.runtime.jit import clear_if_full
+
 # How long an example takes is not what is tested, and other processes may hold one up.
 hypothesis.settings.register_profile(
     "suite", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
@@ -54,3 +56,10 @@ def compilations():
     # One listener for all tests: JAX's older versions only take all of them away, the library's own too.
     _compilations.clear()
     return _compilations
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _room_for_kernels():
+    """Forget the kernels of many files before they fill the memory: tests compile some without a plan."""
+    yield
+    clear_if_full(most_maps=0.2)

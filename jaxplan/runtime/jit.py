@@ -21,11 +21,12 @@ at its end.
 **A clock** that stands still while JAX compiles, for limits on computing time. Code is compiled once for all
 scenes of the same sizes, so a limit must not depend on which of them comes first.
 
-**Room** for kernels in a process that plans scenarios of many shapes. JAX keeps every kernel that it has
-compiled. On Linux each takes some sixty memory maps, of which a process has 65,530 unless the system is set
-otherwise. Where none is left the process dies of "LLVM compilation error: Cannot allocate memory", after some
-hundred scenarios with different numbers of devices and zones. So before that all kernels of the process are
-forgotten, and those that are used again are compiled again.
+**Room** for kernels in a process that plans scenarios of many shapes. XLA takes some 20 MB for each of ours
+that it has compiled or read, so beyond `_MOST_KERNELS` they are forgotten, and those that are used again are
+read from their files. What other code jits is kept by JAX for good. On Linux each kernel takes some eighty
+memory maps, of which a process has 65,530 unless the system is set otherwise. Where none is left the process
+dies of "LLVM compilation error: Cannot allocate memory". So before that all kernels of the process are
+forgotten, those of other code, too.
 """
 
 import inspect
@@ -35,7 +36,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
 from typing import Any, TypeVar, cast
 
@@ -63,6 +64,7 @@ _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_to_mlir_module_duration",
     COMPILE_ENDS,
 )
+_MOST_KERNELS = 200  # of ours in one process, 4 GB; a plan uses up to ten, a gradient or a day some dozens
 _KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
 _MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
 _MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
@@ -422,22 +424,24 @@ def _count_new_kernel(event: str, duration_secs: float, **_: str | int) -> None:
 jax.monitoring.register_event_duration_secs_listener(_count_new_kernel)
 
 
-def clear_if_full() -> bool:
-    """Forget all compiled kernels if they take too many memory maps; return whether they did.
+def clear_if_full(most_maps: float = _MOST_MAPS_SHARE) -> bool:
+    """Forget our kernels if they are too many, and all if their memory maps are; tell whether it did.
 
-    It looks only after `_KERNELS_PER_CHECK` new kernels, so that it may be called often.
+    It looks at the maps only after `_KERNELS_PER_CHECK` new kernels, so that it may be called often.
+
+    Args:
+        most_maps: fraction of the allowed memory maps above which all kernels of the process are forgotten.
     """
     global _new_kernels
-    if _new_kernels < _KERNELS_PER_CHECK:
-        return False
-    _new_kernels = 0
-    try:
-        with open(_MAPS_LIMIT_FILE, "rb") as limit, open(_MAPS_FILE, "rb") as maps:
-            full = maps.read().count(b"\n") > _MOST_MAPS_SHARE * int(limit.read())
-    except OSError:  # no Linux, no such limit
-        return False
-    if full:
-        jax.clear_caches()
+    crowded = kernel_count() > _MOST_KERNELS
+    full = False
+    if _new_kernels >= _KERNELS_PER_CHECK:
+        _new_kernels = 0
+        with suppress(OSError), open(_MAPS_LIMIT_FILE, "rb") as limit, open(_MAPS_FILE, "rb") as maps:
+            full = maps.read().count(b"\n") > most_maps * int(limit.read())  # only Linux has such a limit
+    if crowded or full:
         for known in _known_kernels:
             known.clear()
-    return full
+    if full:
+        jax.clear_caches()
+    return crowded or full

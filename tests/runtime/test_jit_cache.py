@@ -16,9 +16,10 @@ linux = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="other s
 
 
 @pytest.fixture
-def crowded(monkeypatch):
+def crowded(monkeypatch, tmp_path):
     """As if the maps of this process were too many already."""
-    monkeypatch.setattr(jit, "_MOST_MAPS_SHARE", 0.0)
+    (tmp_path / "limit").write_text("0")
+    monkeypatch.setattr(jit, "_MAPS_LIMIT_FILE", str(tmp_path / "limit"))
 
 
 def compile_some(count, first):
@@ -60,6 +61,22 @@ def test_plans_are_the_same_whatever_was_forgotten_between(crowded, tmp_path):
         jp.plan(scenario).save(path)
         compile_some(jit._KERNELS_PER_CHECK, 4.0)
     assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_our_kernels_are_forgotten_where_they_are_too_many(monkeypatch, tmp_path):
+    scenario = make_scenario(1)
+    plan = jp.plan(scenario)
+    kernel, count = compile_some(1, 6.0), jit.kernel_count()
+    monkeypatch.setattr(jit, "_MOST_KERNELS", count)
+    assert not clear_if_full()
+    assert jit.kernel_count() == count
+    monkeypatch.setattr(jit, "_MOST_KERNELS", count - 1)
+    assert clear_if_full()
+    assert jit.kernel_count() == 0
+    assert kernel._cache_size() == 1  # what other code has jitted stays
+    plan.save(tmp_path / "before.json")
+    jp.plan(scenario).save(tmp_path / "after.json")
+    assert (tmp_path / "after.json").read_bytes() == (tmp_path / "before.json").read_bytes()
 
 
 def test_systems_without_the_limit_forget_nothing(crowded, monkeypatch, tmp_path):
