@@ -44,10 +44,11 @@ from jaxplan.planner import Plan
 from jaxplan.planner.entry_points import as_filed
 from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
+from jaxplan.runtime.ahead import Task, side_by_side
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.differentiation import linear_map, once_differentiable
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import Task, is_traced, quick_jit, side_by_side, to_numpy
+from jaxplan.runtime.jit import is_traced, quick_jit, to_numpy
 from jaxplan.trajectory import Trajectory
 
 Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_float_leaves` of a scenario

@@ -19,8 +19,8 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
 from jaxplan.planner.entry_points import as_filed, plan
 from jaxplan.planner.precompile import every_task
+from jaxplan.runtime.ahead import side_by_side
 from jaxplan.runtime.arguments import expect_any
-from jaxplan.runtime.jit import side_by_side
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import measures

@@ -31,7 +31,7 @@ from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.schema.reading import with_settings
 from jaxplan.timeline import PlannedActivity, TimelinePlan, plan_timeline
 from jaxplan.version import __version__

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from jaxplan.model.scenario import MINIMUM, Scenario
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 
 
 class Clock:

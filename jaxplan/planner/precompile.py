@@ -17,7 +17,7 @@ from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.planner.moving import swept
 from jaxplan.planner.steps import find_goals, soonest_task, tracking_task
-from jaxplan.runtime.jit import Task
+from jaxplan.runtime.ahead import Task
 from jaxplan.search import Scene, make_scene
 from jaxplan.search.precompile import band_task, smoothing_tasks
 from jaxplan.search.precompile import further_tasks as further_search

@@ -20,9 +20,11 @@ from jaxplan.planner.precompile import further_tasks, usual_tasks
 from jaxplan.planner.proving import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
+from jaxplan.runtime.ahead import Ahead, ahead
 from jaxplan.runtime.batching import Seconds
 from jaxplan.runtime.garbage import seldom_collected
-from jaxplan.runtime.jit import Ahead, ahead, clear_if_full, working_time
+from jaxplan.runtime.jit import clear_if_full
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search import search_batch
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 

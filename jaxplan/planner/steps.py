@@ -25,7 +25,7 @@ from jaxplan.planner import messages, remedies
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.planner.wheel_room import overfull, total_at_start, with_wheel_room
-from jaxplan.runtime.jit import Task
+from jaxplan.runtime.ahead import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 

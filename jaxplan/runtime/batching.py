@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

@@ -1,4 +1,4 @@
-"""Compiled code: kept between processes, ready ahead of need, and forgotten before memory maps run out.
+"""Compiled code: quickly made, kept between processes, and forgotten before it fills the memory.
 
 A *kernel* is a jitted function compiled for arguments of certain kinds (shapes and types).
 
@@ -11,16 +11,6 @@ faster. `quick_jit` asks for the older one where the installed XLA still has it;
 has not. While JAX traces and lowers a kernel, Python does not look for cyclic garbage
 (`jaxplan.runtime.garbage`).
 
-**Kernels ahead of need** are compiled in threads, while something else goes on. XLA releases Python's global
-lock while it compiles, so on several cores a kernel that will be needed soon can be compiled beside the one
-that is needed now. A *task* is a call of one kernel with arguments of the right shapes; its result is not
-used. Whoever needs the kernel meanwhile waits for it and does not compile it twice (`quick_jit`). If nobody
-waits for a kernel any more, its thread stops once it has been traced, so that a process need not wait for it
-at its end.
-
-**A clock** that stands still while JAX compiles, for limits on computing time. Code is compiled once for all
-scenes of the same sizes, so a limit must not depend on which of them comes first.
-
 **Room** for kernels in a process that plans scenarios of many shapes. XLA takes some 20 MB for each of ours
 that it has compiled or read, so beyond `_MOST_KERNELS` they are forgotten, and those that are used again are
 read from their files. What other code jits is kept by JAX for good. On Linux each kernel takes some eighty
@@ -32,10 +22,7 @@ forgotten, those of other code, too.
 import inspect
 import os
 import threading
-import time
-from collections import deque
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, wraps
 from typing import Any, TypeVar, cast
@@ -46,10 +33,11 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.runtime import kernel_files
+from jaxplan.runtime.ahead import NoLongerWantedError, still_wanted
 from jaxplan.runtime.garbage import uncollected
 from jaxplan.runtime.progress import COMPILE_ENDS
+from jaxplan.runtime.stopwatch import lock_with_clock_stopped
 
-Task = Callable[[], object]
 Answer = TypeVar("Answer")
 # The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself. The
 # third saves a tenth: code for LLVM is not split for threads, as other kernels are compiled beside.
@@ -59,11 +47,6 @@ _QUICK_OPTIONS: dict[str, bool | int] = {
     "xla_cpu_parallel_codegen_split_count": 1,
 }
 _UNTRACED_TYPES = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # never tracers
-_COMPILE_EVENTS = (
-    "/jax/core/compile/jaxpr_trace_duration",
-    "/jax/core/compile/jaxpr_to_mlir_module_duration",
-    COMPILE_ENDS,
-)
 _MOST_KERNELS = 200  # of ours in one process, 4 GB; a plan uses up to ten, a gradient or a day some dozens
 _KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
 _MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
@@ -113,7 +96,7 @@ def quick_jit(function: Callable[..., Answer], *, level: int = 3, **options: Any
         kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_argument_kind, leaves))  # type: ignore[attr-defined]
         compiled = known.get(kinds)
         if compiled is None:
-            with _lock_with_clock_stopped(turn):
+            with lock_with_clock_stopped(turn):
                 compiled = known.get(kinds)
                 if compiled is None:
                     compiled = known[kinds] = _load_or_compile(function, options, flags, kinds, args, kwargs)
@@ -270,146 +253,6 @@ def _are_accepted(options: dict[str, bool | int]) -> bool:
     except jax.errors.JaxRuntimeError:
         return False
     return True
-
-
-class _ThreadState(threading.local):
-    """The event by which this thread is told to end, if it works ahead; None in all other threads."""
-
-    over: threading.Event | None = None
-
-
-_thread_state = _ThreadState()
-
-
-def still_wanted() -> bool:
-    """Whether this thread's work may still be needed: True until `ahead` has ended, and in other threads."""
-    return _thread_state.over is None or not _thread_state.over.is_set()
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on every system
-        return os.cpu_count() or 1
-
-
-class NoLongerWantedError(Exception):
-    """Ends a thread that compiles ahead (`jaxplan.runtime.jit`) once nobody waits for its work."""
-
-
-class Ahead:
-    """Tasks that run in threads of their own, as many at once as there are cores; see `ahead`."""
-
-    def __init__(self) -> None:
-        self._tasks_left: deque[Task] = deque()
-        self._lock, self._ended, self._running_threads = threading.Lock(), threading.Event(), 0
-
-    def add(self, tasks: Sequence[Task]) -> None:
-        """Run further tasks after those there are; they are dropped on a single core, or after the end."""
-        with self._lock:
-            if cores() == 1 or self._ended.is_set():
-                return
-            self._tasks_left.extend(tasks)
-            new = min(len(self._tasks_left), cores() - self._running_threads)
-            self._running_threads += new
-        for _ in range(new):
-            threading.Thread(target=self._run_tasks).start()
-
-    def end(self) -> None:
-        """Drop the tasks that have not begun, and make those that run end early."""
-        self._ended.set()
-
-    def _run_tasks(self) -> None:
-        """Run one task after the other, until none is left, one fails, or `end` has been called."""
-        _thread_state.over = self._ended
-        try:
-            while (task := self._take_task()) is not None:
-                task()
-        except Exception:
-            with self._lock:
-                self._running_threads -= 1
-
-    def _take_task(self) -> Task | None:
-        """Return the next task for this thread; None, and count one thread less, where there is none."""
-        with self._lock:
-            if self._tasks_left and not self._ended.is_set():
-                return self._tasks_left.popleft()
-            self._running_threads -= 1
-            return None
-
-
-@contextmanager
-def ahead(tasks: Sequence[Task]) -> Iterator[Ahead]:
-    """Run tasks in threads of their own while a with block runs; those not begun at its end are dropped.
-
-    There are as many threads as cores, in addition to the block's own. Only one thread can trace at a time,
-    so with fewer a core would be idle. On a single core there are none.
-
-    Args:
-        tasks: the tasks, in the order in which they will be needed. One that fails ends its thread silently:
-            whoever needs its result will meet and report the same error.
-
-    Yields:
-        An object that takes further tasks.
-    """
-    found = Ahead()
-    found.add(tasks)
-    try:
-        yield found
-    finally:
-        found.end()
-
-
-def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:
-    """Run all tasks, as many at once as there are cores; if one fails, raise its error and drop the rest.
-
-    Args:
-        tasks: the tasks, in any order.
-        done: called after each task, in the calling thread.
-    """
-    pool = ThreadPoolExecutor(cores())
-    futures = [pool.submit(task) for task in tasks]
-    try:
-        for future in as_completed(futures):
-            future.result()
-            done()
-    finally:  # at once, after Ctrl-C as well
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-class _StoppedTime(threading.local):
-    """How long, in s, the clock of this thread (`working_time`) has stood still."""
-
-    seconds = 0.0
-
-
-_stopped_time = _StoppedTime()
-
-
-def _add_compile_time(event: str, duration_secs: float, **_: str | int) -> None:
-    """Add the time of a compilation that has ended to that for which the clock has stood still."""
-    if event in _COMPILE_EVENTS:  # JAX reports them in the thread that compiles
-        _stopped_time.seconds += duration_secs
-
-
-jax.monitoring.register_event_duration_secs_listener(_add_compile_time)
-
-
-def working_time() -> float:
-    """Return seconds since some instant, without those in which this thread compiled or waited for it."""
-    return time.monotonic() - _stopped_time.seconds
-
-
-@contextmanager
-def _lock_with_clock_stopped(turn: threading.RLock) -> Iterator[None]:
-    """Hold the lock `turn` in a with block; this thread's clock stands still, as it does during the wait."""
-    stopped, began = _stopped_time.seconds, time.monotonic()
-    with turn:
-        try:
-            yield
-        finally:
-            _stopped_time.seconds = stopped + time.monotonic() - began
 
 
 _new_kernels = 0

@@ -20,7 +20,7 @@ import numpy as np
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.expansion import (
     EDGE_INTERVALS,
     ONWARD_INTERVALS,

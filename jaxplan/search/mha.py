@@ -42,7 +42,7 @@ from jaxplan.model.gimbals import angles_along, in_range
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.astar import Node, Rules, Search, unrotated
 from jaxplan.search.expansion import Expansion, Moves
 from jaxplan.search.fields import Fields

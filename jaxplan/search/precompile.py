@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.runtime.jit import Task
+from jaxplan.runtime.ahead import Task
 from jaxplan.search.astar import make_root
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, Moves, expansion_call
 from jaxplan.search.fields import no_fields

@@ -22,7 +22,7 @@ from jaxplan.model.gimbals import angles_toward, in_range
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.search.edges import interval_slacks, straight_lines, turns_between
 from jaxplan.search.kernel_calls import Call, Kernel, Scenes, SearchRun, completed, picked
 from jaxplan.search.paths import straight_paths, subdivide

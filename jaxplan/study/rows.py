@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.planner import Plan, plan, plan_batch
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 from jaxplan.study.task import Chunk
 from jaxplan.version import __version__
 

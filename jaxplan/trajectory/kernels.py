@@ -27,7 +27,8 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.stages import Stages
 from jaxplan.model.wheels import WheelArray
-from jaxplan.runtime.jit import Task, materialise, quick_jit
+from jaxplan.runtime.ahead import Task
+from jaxplan.runtime.jit import materialise, quick_jit
 from jaxplan.trajectory.curve import chart_motion
 
 _PLACES_PER_CALL = 256  # places in one call of a kernel, always as many; 8 on each of 32 intervals

@@ -22,10 +22,11 @@ from jaxplan.derivatives import Held, expect_followable, expect_known_time, foll
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.entry_points import as_filed, plan_with_fits
+from jaxplan.runtime.ahead import ahead
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.garbage import seldom_collected
-from jaxplan.runtime.jit import ahead, clear_if_full, quick_jit
+from jaxplan.runtime.jit import clear_if_full, quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import with_numbers

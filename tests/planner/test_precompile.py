@@ -14,7 +14,8 @@ from jaxplan import gradients, warming
 from jaxplan.planner import precompile as planner_ahead
 from jaxplan.planner.steps import find_goals
 from jaxplan.runtime import jit
-from jaxplan.runtime.jit import ahead, cores, kernel_count, side_by_side
+from jaxplan.runtime.ahead import ahead, cores, side_by_side
+from jaxplan.runtime.jit import kernel_count
 from jaxplan.search import precompile as search_ahead
 
 KINDS = ("keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links")

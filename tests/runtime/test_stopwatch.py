@@ -3,7 +3,7 @@ import time
 import jax
 import numpy as np
 
-from jaxplan.runtime.jit import working_time
+from jaxplan.runtime.stopwatch import working_time
 
 
 def _spent(work):
