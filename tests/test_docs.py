@@ -1,4 +1,4 @@
-"""The manual: its pages from the code are whole and true, its examples run, and it builds without a fault."""
+"""The manual: its pages from the code are whole and true, and its examples run."""
 
 import ast
 import importlib
@@ -10,11 +10,9 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import fields, is_dataclass, replace
-from html.parser import HTMLParser
 from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
-from urllib.parse import unquote, urldefrag
 
 import numpy as np
 import pytest
@@ -684,113 +682,3 @@ def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
     capsys.readouterr()
     exec(of_day, names)
     assert capsys.readouterr().out.startswith("total time 20 s")
-
-
-class Links(HTMLParser):
-    """The places that a page links to, and those that links may go to."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.targets: list[str] = []
-        self.names: set[str] = set()
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        for key, value in attrs:
-            if key in ("href", "src") and value is not None:
-                self.targets.append(value)
-            if key == "id" and value is not None:
-                self.names.add(value)
-
-
-NARROWER = {"dd": 32, "cell_input": 4}  # px: descriptions are moved in, cells have a border
-
-
-class Code(HTMLParser):
-    """The code of a page: lines of each block, and how much narrower than the column it is, in px."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.blocks: list[tuple[list[str], int]] = []
-        self.within: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        names = (dict(attrs).get("class") or "").split()
-        if tag in ("dd", "div", "pre"):
-            self.within.append(next((name for name in ("cell_input", "cell_output") if name in names), tag))
-        if tag == "pre":
-            self.blocks.append(([""], sum(NARROWER.get(name, 0) for name in self.within)))
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == "pre" and "cell_output" in self.within:
-            self.blocks.pop()  # it is wrapped
-        if tag in ("dd", "div", "pre"):
-            self.within.pop()
-
-    def handle_data(self, data: str) -> None:
-        if "pre" in self.within:
-            first, *more = data.split("\n")
-            lines = self.blocks[-1][0]
-            lines[-1] += first
-            lines += more
-
-
-@pytest.fixture(scope="module")
-def manual(tmp_path_factory):
-    """The folder of the built manual."""
-    absent = [module for module in ("sphinx", "furo", "myst_nb") if find_spec(module) is None]
-    if absent:
-        pytest.skip(f"{', '.join(absent)} not installed: pip install 'jaxplan[docs]'")
-    folder = tmp_path_factory.mktemp("manual")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", folder / "trees", DOCS]
-    built = subprocess.run([*command, folder / "pages"], capture_output=True, text=True)
-    assert built.returncode == 0, built.stderr
-    assert built.stderr == ""
-    return folder / "pages"
-
-
-@pytest.mark.slow
-def test_no_line_of_code_is_wider_than_its_column(manual):
-    style = (manual / "_static" / "manual.css").read_text()
-    column, side, padding = (
-        float(re.search(found, style)[1])
-        for found in (r"--column: (\d+)em", r"\.sidebar-drawer { width: (\d+)em", r"padding: 0 (\d)em")
-    )
-    assert side + column + 2 * padding <= (1280 - 15) / 16  # a usual window, less its scroll bar
-    size, edge = (
-        16 * float(re.search(rf"--{name}: ([\d.]+)rem", style)[1])
-        for name in ("code-font-size", "code-padding")
-    )
-    widest_letter = 0.602 * size  # of the usual fonts of fixed width
-    wide, seen = [], 0
-    for file in manual.rglob("*.html"):
-        for lines, narrower in Code(file.read_text(encoding="utf-8")).blocks:
-            room = int((16 * column - narrower - 2 * edge) / widest_letter)
-            wide += [f"{file.name}: {line}" for line in lines if len(line) > room]
-            seen += len(lines)
-    assert wide == []
-    assert seen > 500
-
-
-@pytest.mark.slow
-def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(manual):
-    files = sorted(manual.rglob("*.html"))
-    parsed = {file: Links(file.read_text(encoding="utf-8")) for file in files}
-    names = {file.relative_to(manual).as_posix() for file in files}
-    assert {"index.html", "method.html", "api.html", "planner.html", "results.html"} <= names
-    assert sum("notebooks" in name for name in names) == len(list((ROOT / "notebooks").glob("*.ipynb")))
-    broken, checked = [], 0
-    for file, page in parsed.items():
-        for target in page.targets:
-            place, name = urldefrag(target)
-            if "://" in place or place.startswith(("data:", "mailto:")):
-                continue
-            goal = (file.parent / unquote(place.partition("?")[0])).resolve() if place else file
-            checked += 1
-            whole = goal.is_file() and (not name or goal not in parsed or unquote(name) in parsed[goal].names)
-            if not whole:
-                broken.append(f"{file.name}: {target}")
-    assert broken == []
-    assert checked > 200
-    assert "<math" in (manual / "method.html").read_text(encoding="utf-8")

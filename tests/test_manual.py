@@ -1,8 +1,13 @@
-"""The gallery: each example is planned and certified, and shows what its page says."""
+"""The built manual: its gallery is certified and shows what its pages say, and no page has a fault."""
 
 import re
-import sys
+from contextlib import redirect_stderr
+from functools import cache
+from html.parser import HTMLParser
+from importlib.util import find_spec
+from io import StringIO
 from pathlib import Path
+from urllib.parse import unquote, urldefrag
 
 import numpy as np
 import pytest
@@ -11,19 +16,21 @@ import jaxplan as jp
 
 pytest.importorskip("erfa")
 
-GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+GALLERY = DOCS / "gallery"
 NAMES = sorted(file.stem for file in GALLERY.glob("*.toml"))
 
 
 @pytest.fixture(scope="module")
 def exhibits():
-    sys.path.insert(0, str(GALLERY.parent))
-    try:
+    """What makes the gallery, with each plan made once, for the tests and for the manual."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(DOCS)
         import exhibits
 
+        patch.setattr(exhibits, "plan_of", cache(exhibits.plan_of))
         yield exhibits
-    finally:
-        sys.path.remove(str(GALLERY.parent))
 
 
 def test_each_file_has_a_page_in_the_index_that_tells_what_is_asked_and_seen(exhibits):
@@ -198,3 +205,115 @@ def test_each_example_is_certified_anew_and_shows_what_its_page_says(exhibits, n
     told = exhibits.numbers(plan)
     assert f"| duration | {plan.trajectory.duration:.2f} s |" in told
     assert "| certified | yes, at every instant |" in told
+
+
+class Links(HTMLParser):
+    """The places that a page links to, and those that links may go to."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.targets: list[str] = []
+        self.names: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for key, value in attrs:
+            if key in ("href", "src") and value is not None:
+                self.targets.append(value)
+            if key == "id" and value is not None:
+                self.names.add(value)
+
+
+NARROWER = {"dd": 32, "cell_input": 4}  # px: descriptions are moved in, cells have a border
+
+
+class Code(HTMLParser):
+    """The code of a page: lines of each block, and how much narrower than the column it is, in px."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.blocks: list[tuple[list[str], int]] = []
+        self.within: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        names = (dict(attrs).get("class") or "").split()
+        if tag in ("dd", "div", "pre"):
+            self.within.append(next((name for name in ("cell_input", "cell_output") if name in names), tag))
+        if tag == "pre":
+            self.blocks.append(([""], sum(NARROWER.get(name, 0) for name in self.within)))
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "pre" and "cell_output" in self.within:
+            self.blocks.pop()  # it is wrapped
+        if tag in ("dd", "div", "pre"):
+            self.within.pop()
+
+    def handle_data(self, data: str) -> None:
+        if "pre" in self.within:
+            first, *more = data.split("\n")
+            lines = self.blocks[-1][0]
+            lines[-1] += first
+            lines += more
+
+
+@pytest.fixture(scope="module")
+def manual(tmp_path_factory, exhibits):
+    """The folder of the manual, built in this process, which has the gallery's plans."""
+    absent = [module for module in ("sphinx", "furo", "myst_nb") if find_spec(module) is None]
+    if absent:
+        pytest.skip(f"{', '.join(absent)} not installed: pip install 'jaxplan[docs]'")
+    from sphinx.cmd.build import build_main
+
+    folder = tmp_path_factory.mktemp("manual")
+    options = ["-q", "-W", "--keep-going", "-d", str(folder / "trees")]
+    with redirect_stderr(StringIO()) as told:
+        failed = build_main([*options, str(DOCS), str(folder / "pages")])
+    assert (failed, told.getvalue()) == (0, "")
+    return folder / "pages"
+
+
+@pytest.mark.slow
+def test_no_line_of_code_is_wider_than_its_column(manual):
+    style = (manual / "_static" / "manual.css").read_text()
+    column, side, padding = (
+        float(re.search(found, style)[1])
+        for found in (r"--column: (\d+)em", r"\.sidebar-drawer { width: (\d+)em", r"padding: 0 (\d)em")
+    )
+    assert side + column + 2 * padding <= (1280 - 15) / 16  # a usual window, less its scroll bar
+    size, edge = (
+        16 * float(re.search(rf"--{name}: ([\d.]+)rem", style)[1])
+        for name in ("code-font-size", "code-padding")
+    )
+    widest_letter = 0.602 * size  # of the usual fonts of fixed width
+    wide, seen = [], 0
+    for file in manual.rglob("*.html"):
+        for lines, narrower in Code(file.read_text(encoding="utf-8")).blocks:
+            room = int((16 * column - narrower - 2 * edge) / widest_letter)
+            wide += [f"{file.name}: {line}" for line in lines if len(line) > room]
+            seen += len(lines)
+    assert wide == []
+    assert seen > 500
+
+
+@pytest.mark.slow
+def test_the_manual_builds_without_a_warning_and_its_links_lead_somewhere(manual):
+    files = sorted(manual.rglob("*.html"))
+    parsed = {file: Links(file.read_text(encoding="utf-8")) for file in files}
+    names = {file.relative_to(manual).as_posix() for file in files}
+    assert {"index.html", "method.html", "api.html", "planner.html", "results.html"} <= names
+    assert sum("notebooks" in name for name in names) == len(list((ROOT / "notebooks").glob("*.ipynb")))
+    broken, checked = [], 0
+    for file, page in parsed.items():
+        for target in page.targets:
+            place, name = urldefrag(target)
+            if "://" in place or place.startswith(("data:", "mailto:")):
+                continue
+            goal = (file.parent / unquote(place.partition("?")[0])).resolve() if place else file
+            checked += 1
+            whole = goal.is_file() and (not name or goal not in parsed or unquote(name) in parsed[goal].names)
+            if not whole:
+                broken.append(f"{file.name}: {target}")
+    assert broken == []
+    assert checked > 200
+    assert "<math" in (manual / "method.html").read_text(encoding="utf-8")
