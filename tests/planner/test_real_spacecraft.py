@@ -1,6 +1,7 @@
 """Real spacecraft, each described in a file, planned and checked from what that file says."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -43,11 +44,17 @@ def needs_erfa():
     pytest.importorskip("erfa", reason="pyerfa is not installed")
 
 
+@cache
+def planned(name, duration):
+    """The plan of a file's scenario, made once."""
+    return jp.plan(load(name, duration=duration))
+
+
 @pytest.mark.parametrize("duration", ["stretched", "minimum"])
 def test_an_earth_observer_turns_to_a_place_beside_its_track_and_holds_its_station(duration):
     needs_erfa()
-    scenario = load("earth_observer", duration=duration)
-    plan = jp.plan(scenario)
+    plan = planned("earth_observer", duration)
+    scenario = plan.scenario
     assert plan.ok
     assert breaches(plan) == []
     end = plan.trajectory.duration
@@ -75,7 +82,7 @@ def test_an_earth_observer_turns_to_a_place_beside_its_track_and_holds_its_stati
 
 def test_one_tracker_of_the_earth_observer_sees_stars_all_the_while():
     needs_erfa()
-    plan = jp.plan(load("earth_observer"))
+    plan = planned("earth_observer", "stretched")
     time = instants(plan.trajectory)
     directions = boresights_of(plan.trajectory, plan.scenario.spacecraft, time)
     names = plan.scenario.spacecraft.device_names
@@ -129,7 +136,7 @@ def test_hubble_gets_from_a_hundred_random_starts_to_as_many_goals():
 
 
 # Right ascension and declination of fields of a survey, deg, within what the file allows at its epoch.
-FIELDS = [(190.0, 20.0), (215.0, 38.0), (165.0, 45.0), (160.0, -20.0), (185.0, -45.0), (200.0, 0.0)]
+FIELDS = [(215.0, 38.0), (160.0, -20.0), (185.0, -45.0)]
 
 
 @pytest.mark.parametrize("name", ["ultrasat", "uvex"])
