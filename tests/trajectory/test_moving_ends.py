@@ -1,6 +1,7 @@
 """Motions with rates at start or goal come within the limits without being scaled in time."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -68,8 +69,20 @@ def turning(torque, duration):
     return scenario(replace(CRAFT, wheels=tuple(wheels)), START_RATES, [0.8, -0.6, 0.9], duration)
 
 
+@cache
+def shortest_durations():
+    """Durations, s, of the shortest motions with weaker and weaker wheels, planned once."""
+    return planned([turning(torque, "minimum") for torque in (0.02, 0.0105, 0.0102, 0.0100)])
+
+
+@cache
+def too_short():
+    """Plans in less time than any needs, s, of which the first is below what can be proved to be needed."""
+    return jp.plan_batch([turning(0.02, each) for each in (20.0, 150.0)], progress=False)
+
+
 def test_weaker_wheels_do_not_lead_to_shorter_motions():
-    found = planned([turning(torque, "minimum") for torque in (0.02, 0.0105, 0.0102, 0.0100)])
+    found = shortest_durations()
     assert np.all(np.diff(found) > -0.005 * np.array(found[1:]))
     assert found[-1] < 1.05 * found[-3]  # nor by far to longer ones
 
@@ -82,16 +95,15 @@ def test_any_number_above_the_shortest_duration_has_a_plan():
 
 
 def test_a_number_that_is_too_small_is_answered_with_the_shortest_duration():
-    plan, shortest = jp.plan_batch([turning(0.02, 150.0), turning(0.02, "minimum")], progress=False)
+    plan = too_short()[1]
     assert plan.status is jp.Status.LIMITS_TOO_TIGHT
     told = float(plan.message.partition("at most ")[2].partition(" s")[0])
-    assert told == pytest.approx(shortest.trajectory.duration, rel=0.02)
+    assert told == pytest.approx(shortest_durations()[0], rel=0.02)
 
 
 @pytest.mark.slow
 def test_a_motion_in_less_time_than_any_needs_is_shown_with_the_rates_that_were_given():
-    too_short = [20.0, 60.0, 150.0]  # s, the first below what can be proved to be needed
-    for plan in jp.plan_batch([turning(0.02, each) for each in too_short], progress=False):
+    for plan in too_short():
         assert plan.status is jp.Status.LIMITS_TOO_TIGHT
         assert plan.trajectory.duration == plan.scenario.trajectory.duration
         ends = plan.trajectory.sample(np.array([0.0, plan.trajectory.duration]))
