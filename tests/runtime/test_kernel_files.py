@@ -1,5 +1,6 @@
 """Executables of kernels are kept between processes by what they follow from, and nothing else is."""
 
+import shutil
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,25 +35,41 @@ print(json.dumps([len(compiled), refused(), kept, plan.path.length, plan.traject
 """
 
 
+@pytest.fixture(scope="module")
+def planned_once(tmp_path_factory):
+    """The home of a user who has planned once, and what that printed."""
+    home = tmp_path_factory.mktemp("home")
+    return home, fresh_python(PLAN, home)[0]
+
+
+@pytest.fixture
+def home(planned_once, tmp_path):
+    """A copy of that home, to be changed."""
+    return shutil.copytree(planned_once[0], tmp_path / "home")
+
+
 @pytest.mark.slow
 def test_a_later_process_plans_the_same_without_compiling_though_it_lowers_no_call_of_lapack(
-    tmp_path,
+    planned_once, home
 ):
-    (compiled, refused, kept, *first), _ = fresh_python(PLAN, tmp_path)
+    compiled, refused, kept, *first = planned_once[1]
     assert compiled >= len(kept) >= 5
     assert refused == 0
-    (compiled, refused, again, *second), _ = fresh_python(PLAN, tmp_path)
+    (compiled, refused, again, *second), _ = fresh_python(PLAN, home)
     assert (compiled, refused) == (0, 0)
-    assert (sorted(again), second) == (sorted(kept), first)
+    there = [str(home / Path(file).relative_to(planned_once[0])) for file in kept]
+    assert (sorted(again), second) == (sorted(there), first)
 
 
 @pytest.mark.slow
-def test_damaged_executables_are_compiled_again_and_counted(tmp_path):
-    (_, _, kept, *first), _ = fresh_python(PLAN, tmp_path)
+def test_damaged_executables_are_compiled_again_and_counted(planned_once, home):
+    first = planned_once[1][3:]
+    kept = sorted(home.rglob("kernels-*/*"))
+    assert len(kept) == len(planned_once[1][2])
     noise = np.random.default_rng(0).bytes(1000)
     for number, file in enumerate(kept):
-        Path(file).write_bytes([b"", noise, Path(file).read_bytes()[:5000]][number % 3])
-    (_, refused, _, *second), errors = fresh_python(PLAN, tmp_path)
+        file.write_bytes([b"", noise, file.read_bytes()[:5000]][number % 3])
+    (_, refused, _, *second), errors = fresh_python(PLAN, home)
     assert refused == len(kept)
     assert (second, errors) == (first, "")
 
@@ -182,10 +199,10 @@ def test_what_other_sources_kept_of_the_same_program_is_kept_for_these_and_goes_
 
 
 @pytest.mark.slow
-def test_processes_with_several_devices_take_no_executable_of_one(tmp_path):
-    first = fresh_python(PLAN, tmp_path)[0][3:]
+def test_processes_with_several_devices_take_no_executable_of_one(planned_once, home):
+    first = planned_once[1][3:]
     several = 'import jax; jax.config.update("jax_num_cpu_devices", 3)' + PLAN
-    (_, refused, _, *second), _ = fresh_python(several, tmp_path)
+    (_, refused, _, *second), _ = fresh_python(several, home)
     assert refused == 0
     np.testing.assert_allclose(second, first, rtol=1e-6)
 
