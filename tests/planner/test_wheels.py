@@ -59,7 +59,7 @@ def test_every_wheel_keeps_its_limits_and_what_is_proved_is_near_what_is_met(pla
 
 
 def test_what_is_just_tighter_is_broken_and_refused(plans):
-    for plan in plans:
+    for plan in plans[::2]:  # of each count and duration some
         craft = plan.scenario.spacecraft
         for most, limit in zip(shares(plan, 4001), ("torque", "momentum"), strict=True):
             tight = replace(
@@ -163,7 +163,7 @@ def test_wheels_that_are_full_against_each_other_leave_no_motion():
     """Whatever the body has of momentum fills one of them, but for rounding, and but for what is left."""
     axes = np.array([[0.8, 0.0, 0.6], [0.0, 0.8, 0.6], [-0.8, 0.0, 0.6], [0.0, -0.8, 0.6]])
     for momentum in (5.0, 0.7, 12.3):
-        for share in (1.0, 1 - 1e-9, 1 - 1e-3):
+        for share in (1.0, 1 - 1e-9, 1 - 1e-3) if momentum == 5.0 else (1.0, 1 - 1e-9):
             held = wheels(axes, 0.2, momentum, share * momentum * np.array([1, -1, 1, -1]))
             for duration in ("minimum", "stretched", 100.0):
                 plan = jp.plan(with_wheels(held, duration=duration), throw=False, progress=False)
