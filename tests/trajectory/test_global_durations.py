@@ -123,6 +123,14 @@ def test_a_duration_too_short_says_which_would_do(name):
 
 FULL = np.array([[12.0, 1.2, -0.6], [1.2, 18.0, 1.8], [-0.6, 1.8, 24.0]])
 SLEW = wandering(6, 1, seed=4, step=0.25)
+
+
+@cache
+def shortest_slew():
+    """How long the slew takes, s, where no load limits it."""
+    return fit_global(SLEW, make_spacecraft(1), TrajectorySettings(duration="minimum")).trajectory.duration
+
+
 LOADED = [
     ("torque", {"torque_limit": 0.1}),
     ("torque", {"torque_limit": np.array([0.1, 0.15, 0.2])}),
@@ -139,23 +147,21 @@ LOADED = [
 @pytest.mark.slow
 @pytest.mark.parametrize(("binding", "limits"), LOADED)
 def test_torque_momentum_and_jerk_are_kept_and_bind(binding, limits):
-    free = make_spacecraft(1)
-    craft = replace(free, inertia=FULL, **limits)
-    durations = []
+    craft = replace(make_spacecraft(1), inertia=FULL, **limits)
+    found = []
     for settings in (TrajectorySettings(duration="minimum"), TrajectorySettings(duration=90.0)):
         fit = fit_global(SLEW, craft, settings)
         assert fit.status is Status.OK, fit.message
         assert_kept(fit.trajectory, craft)
         assert certified(SLEW, fit.trajectory, craft)
-        durations.append(fit.trajectory.duration)
-    assert durations[1] == 90
-    quick = fit_global(SLEW, free, TrajectorySettings(duration="minimum")).trajectory
-    assert 1.05 * quick.duration < durations[0] < 90
-    found = shares(fit_global(SLEW, craft, TrajectorySettings(duration="minimum")).trajectory, craft)
-    assert np.abs(found[binding]).max() == pytest.approx(1, abs=0.01)
+        found.append(fit.trajectory)
+    shortest, given = found
+    assert given.duration == 90
+    assert 1.05 * shortest_slew() < shortest.duration < 90
+    assert np.abs(shares(shortest, craft)[binding]).max() == pytest.approx(1, abs=0.01)
     tighter = {name: 0.7 * limit for name, limit in limits.items()}
     slower = fit_global(SLEW, replace(craft, **tighter), TrajectorySettings(duration="minimum")).trajectory
-    assert slower.duration > 1.02 * durations[0]
+    assert slower.duration > 1.02 * shortest.duration
 
 
 def certified(path, trajectory, craft, keep_out=()):
@@ -236,7 +242,7 @@ def test_of_a_group_of_keep_in_zones_one_holds_at_every_time(duration):
 @pytest.mark.parametrize("kind", SKY_KINDS)
 def test_random_scenes_are_certified_at_any_duration(kind):
     above = []
-    for seed in range(8):
+    for seed in range(4):
         scenario = jp.random_scenario(seed, kind)
         craft, zones = scenario.spacecraft, zones_of(scenario)
         plan = jp.plan(replace(scenario, trajectory=TrajectorySettings(duration="minimum")))
