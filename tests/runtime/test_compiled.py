@@ -148,13 +148,13 @@ def test_what_the_user_has_chosen_is_left_alone(tmp_path, monkeypatch, before, e
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", [0o777, 0o720, 0o702])
-def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, mode):
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path):
     (*_, folder), _ = fresh_python(COUNT + ANGLE + TELL, tmp_path)
-    Path(folder).chmod(mode)
-    assert fresh_python(COUNT + ANGLE + TELL, tmp_path)[0] == [0, 0, None]
-    with pytest.raises(ValueError, match=r"folder = .*: others may write there"):
-        jp.compilation_cache(folder)
+    for mode in (0o777, 0o720, 0o702):
+        Path(folder).chmod(mode)
+        assert fresh_python(COUNT + ANGLE + TELL, tmp_path)[0] == [0, 0, None]
+        with pytest.raises(ValueError, match=r"folder = .*: others may write there"):
+            jp.compilation_cache(folder)
 
 
 def test_a_folder_below_one_that_others_may_write_to_is_not_used_whether_by_a_link_or_not(tmp_path):
