@@ -317,7 +317,6 @@ def test_a_script_without_a_guard_is_told_about_it_and_of_nothing_else(tmp_path)
 
 
 UNGUARDED = {
-    "numbers": "jp.run_study(range(2), workers=2, progress=False)",
     "plans": "jp.plan_batch([jp.paper_case(4)] * 2, workers=2, progress=False)",
     "plans by a pool": (
         'with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:\n'
