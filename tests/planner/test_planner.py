@@ -481,18 +481,18 @@ def test_a_duration_that_is_too_short_says_how_long_it_takes():
 
 @pytest.mark.slow
 def test_a_duration_that_is_said_to_be_enough_is():
-    asked = []
-    for seed in range(4):
-        for kind in SKY_KINDS:
+    asked, some = [], SKY_KINDS[::2]
+    for seed, method, kinds in ((0, "global", SKY_KINDS), (2, "global", some), (3, "paper", some)):
+        for kind in kinds:
             scenario = jp.random_scenario(seed, kind)
-            method = "paper" if seed == 3 else "global"
             settings = replace(scenario.trajectory, method=method, duration=16.0)
             if seed > 1:
                 at_speed = replace(scenario.start, angular_velocity=np.array([0.01, -0.005, 0.008]))
                 scenario = replace(scenario, start=at_speed)
             asked.append(replace(scenario, trajectory=settings))
     short = [plan for plan in jp.plan_batch(asked) if plan.status is jp.Status.LIMITS_TOO_TIGHT]
-    assert len(short) >= 16
+    assert len(short) >= 9
+    assert sum(plan.scenario.trajectory.method == "paper" for plan in short) >= 2
     longer = []
     for plan in short:
         said = re.search(
