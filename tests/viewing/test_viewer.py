@@ -42,6 +42,13 @@ def every() -> dict[str, jp.Plan]:
     return plans()
 
 
+@pytest.fixture(scope="module")
+def report(every, tmp_path_factory) -> str:
+    """The page of a report with the viewer."""
+    file = tmp_path_factory.mktemp("report") / "space.html"
+    return jp.report_html(every["four terminals"], file, viewer=True).read_text(encoding="utf-8")
+
+
 class Links(HTMLParser):
     """Collects what a page would load."""
 
@@ -198,26 +205,21 @@ def test_the_command_line_writes_the_page_beside_the_plan(tmp_path, capsys):
     assert main(["view", str(tmp_path / "plan.json"), "--force"]) == 0
 
 
-def test_a_report_has_the_viewer_where_it_is_asked_for_and_else_runs_nothing(every, tmp_path):
-    plan = every["four terminals"]
-    plain = jp.report_html(plan, tmp_path / "plain.html").read_text(encoding="utf-8")
+def test_a_report_has_the_viewer_where_it_is_asked_for_and_else_runs_nothing(every, report, tmp_path):
+    plain = jp.report_html(every["four terminals"], tmp_path / "plain.html").read_text(encoding="utf-8")
     assert "<iframe" not in plain
     assert "script-src" not in plain
-    page = jp.report_html(plan, tmp_path / "space.html", viewer=True).read_text(encoding="utf-8")
-    assert page.count("<iframe") == 1
-    assert "script-src" in page
-    assert "<script" not in page.replace("&lt;script", "")
-    assert page.index("In space") < page.index("The manoeuvre")
+    assert report.count("<iframe") == 1
+    assert "script-src" in report
+    assert "<script" not in report.replace("&lt;script", "")
+    assert report.index("In space") < report.index("The manoeuvre")
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
-def test_the_viewer_runs_within_a_report(every, tmp_path):
-    page = jp.report_html(every["four terminals"], tmp_path / "space.html", viewer=True).read_text(
-        encoding="utf-8"
-    )
+def test_the_viewer_runs_within_a_report(report, tmp_path):
     script = "() => { const w = document.querySelector('iframe'); return w.srcdoc.length; }"
-    told = opened(page, tmp_path, script)
+    told = opened(report, tmp_path, script)
     assert told["found"] > 2e6
     assert told["wrong"] == told["console"] == []
 
