@@ -164,7 +164,7 @@ def test_nothing_changes_where_a_calm_slew_has_all_the_time_until_a_window():
 def test_a_given_attitude_is_led_to_as_well():
     turned = Rotation.from_matrix(MINE.frame(0.0)) * Rotation.from_euler("z", 25, degrees=True)
     held = jp.GivenState(rotation_vector=turned.as_rotvec(), joints=planned(False).scene.start.joints)
-    plain, ahead = both(replace(LINK, duration=120.0), jp.Activity(name="aside", attitude=held, duration=5.0))
+    plain, ahead = both(replace(LINK, duration=60.0), jp.Activity(name="aside", attitude=held, duration=5.0))
     assert led(ahead) == ["links"]
     assert ahead.activities[1].slew < 0.8 * plain.activities[1].slew
     assert ahead.certificate.certified
