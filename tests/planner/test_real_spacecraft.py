@@ -162,7 +162,7 @@ def test_a_survey_goes_from_field_to_field_with_its_square_away_from_sun_moon_an
 
 def test_a_field_that_is_reached_only_on_the_edge_of_a_zone_is_reached_just_off_it():
     needs_erfa()
-    scenario = load("ultrasat", duration="minimum")
+    scenario = load("ultrasat")
     targets = jp.Targets.of({"telescope": direction(deg(160.0), deg(-20.0))})
     plan = jp.plan(
         replace(
