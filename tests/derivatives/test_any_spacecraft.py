@@ -63,7 +63,9 @@ def moved(scenario, by):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [39, 52, 68, 99])  # 52 is at its limit twice, going straight
+@pytest.mark.parametrize(
+    "seed", [52, 68]
+)  # with all ways to give a device; 52 is at its limit twice, going straight
 def test_a_plan_follows_mountings_ranges_masks_and_limits(seed):
     plan = jp.plan(jp.random_scenario(seed, "any_spacecraft"), progress=False)
     told = jp.differentiable(plan)
