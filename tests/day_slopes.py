@@ -33,14 +33,18 @@ def change(plan: jp.TimelinePlan, way: dict[str, float]) -> float:
     return (ends[0] - ends[1]) / 2
 
 
-def assert_slopes_are_differences(plan: jp.TimelinePlan, names: Iterable[str], rel: float) -> int:
+def assert_slopes_are_differences(
+    plan: jp.TimelinePlan, names: Iterable[str], rel: float, found: jp.Sensitivities | None = None
+) -> int:
     """Check slopes of the total time by numbers of the timeline's file; returns how many of these matter.
+
+    They are those of the plan unless others are given.
 
     All numbers are changed at once, so that two plans check all slopes: each in the direction in which the
     total time grows, and those that matter most by less than the others. Only if that fails, each is changed
     by itself, to tell which slope is wrong.
     """
-    found = jp.sensitivities(plan, "total_time")
+    found = found or jp.sensitivities(plan, "total_time")
     assert found.value == pytest.approx(end_of(plan), rel=1e-7)
     assert (found.measure, found.unit) == ("total_time", "s")
     values = {place.name: float(place.get(plan.timeline)) for place in numbers_of_timeline(plan.timeline)}

@@ -1,5 +1,6 @@
 """Slopes of a day's total time by the keys of its file, beside differences of timelines planned anew."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -20,18 +21,20 @@ AGREE = 1e-4  # relative, of a slope and a difference of timelines planned anew
 # side, which are 0.6 % apart.
 AT_CORNERS = {"wheels": 3e-3}
 
+CRAFT = make_spacecraft(2, 1)  # of all days that ask for no other, so that they have their kernels in common
+
 # Bounds of turns are by a table, linear between its places: of turns at such places there are no slopes.
 LOOK = at_rest([0.013, 0.007, 0.019], [0.6, 0.05, 0.1, 0.02])
 TURNED = at_rest([0.041, 0.123, -0.217], [0.57, 0.03, 0.11, 0.01])
 FAR = at_rest([0.11, -0.23, 1.07], [0.13, 0.01, 0.02, 0.07])
 
 
-def day_of(*activities, craft=None, start=None, **more) -> jp.Timeline:
-    """A timeline of a spacecraft with two terminals, whose shortest motions are at their optimum."""
+def day_of(*activities, craft=CRAFT, start=None, **more) -> jp.Timeline:
+    """A timeline of a spacecraft, by itself CRAFT, whose shortest motions are at their optimum."""
     begin = at_rest(np.zeros(3), np.zeros(4)) if start is None else start
     scene = jp.Scenario(
         name="scene",
-        spacecraft=make_spacecraft(2) if craft is None else craft,
+        spacecraft=craft,
         start=begin,
         goal=begin,
         trajectory=jp.TrajectorySettings(optimal=True),
@@ -62,30 +65,19 @@ def windows_in_the_time_there_is() -> jp.Timeline:
 
 def far_turn() -> jp.Timeline:
     """A turn whose shortest motion takes longer than tried at first."""
-    return day_of(
-        jp.Activity(name="far", attitude=FAR, duration=4.0),
-        jp.Activity(name="look", attitude=LOOK, duration=3.0),
-    )
+    return day_of(jp.Activity(name="far", attitude=FAR, duration=4.0))
 
 
 def stars() -> jp.Timeline:
-    """A star that is looked at for some time, and one at an instant, each after the least turn there."""
-    craft = make_spacecraft(2, 1)
-    boresight = craft.instruments[0].boresight
-    first, second = Rotation.from_rotvec([[0.21, 0.13, 0.31], [0.11, -0.13, 0.21]]).apply(boresight)
-    return day_of(
-        jp.Activity(name="star", track=jp.Targets.of({"camera-1": first}), duration=5.0),
-        jp.Activity(name="glance", point=jp.Targets.of({"camera-1": second})),
-        jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
-        craft=craft,
-    )
+    """Stars of a terminal, at an instant, and of a camera, for some time, each after the least turn there.
 
-
-def beam() -> jp.Timeline:
-    """A terminal that looks so far up that the platform turns until its pitch is near its limit."""
+    The first star is so far up that the platform turns until the pitch of the terminal is near its limit.
+    """
+    star = Rotation.from_rotvec([0.21, 0.13, 0.31]).apply(CRAFT.instruments[0].boresight)
     return day_of(
         jp.Activity(name="beam", point=jp.Targets.of({"terminal-1": direction(0.3, 0.5)})),
-        jp.Activity(name="look", attitude=LOOK, duration=5.0),
+        jp.Activity(name="star", track=jp.Targets.of({"camera-1": star}), duration=5.0),
+        jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
     )
 
 
@@ -101,40 +93,35 @@ def ships() -> jp.Timeline:
     both = {"camera-1": other, "terminal-2": moving(-1e-3, 2.0, 0.1)}
     return day_of(
         jp.Activity(name="ship", point=jp.Targets.of({"camera-1": ship})),
-        jp.Activity(name="satellite", point=jp.Targets.of({"terminal-1": moving(-2e-3, 0.5, 0.3)})),
-        jp.Activity(name="rest", idle=True, duration=5.0),
         jp.Activity(name="both", point=jp.Targets.of(both)),
+        jp.Activity(name="rest", idle=True, duration=5.0),
         jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
-        craft=make_spacecraft(2, 1),
         until=400.0,
     )
 
 
 def tracks() -> jp.Timeline:
-    """Targets followed for a while: by a camera, and by two terminals that leave the attitude free."""
-    narrow = make_spacecraft(2, 1)
-    wide = tuple(replace(one, pitch_limit=1.2) for one in narrow.terminals)
+    """Targets followed for a while by two terminals that leave the attitude free, after an instant."""
+    wide = tuple(replace(one, pitch_limit=1.2) for one in CRAFT.terminals)
     pair = {"terminal-1": moving(-2e-3, 0.2, 0.4), "terminal-2": moving(1e-3, 3.0, -0.2)}
-    ship = jp.Targets.of({"camera-1": moving(1e-3, 0.3, 0.5)}, tolerance=1e-4)
     return day_of(
-        jp.Activity(name="ship", track=ship, duration=40.0),
+        jp.Activity(name="ship", point=jp.Targets.of({"camera-1": moving(1e-3, 0.3, 0.5)})),
         jp.Activity(name="pair", track=jp.Targets.of(pair, tolerance=1e-4), duration=30.0),
         jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
-        craft=replace(narrow, terminals=wide),
+        craft=replace(CRAFT, terminals=wide),
         until=400.0,
     )
 
 
 def wheels() -> jp.Timeline:
-    """An observer whose wheels give all that its turns may have."""
+    """An observer without devices whose wheels give all that its turns may have."""
     whole = observer()
     few = tuple(replace(one, torque=0.3, momentum=4.0, stored=0.6 * one.stored) for one in whole.wheels)
-    begin = at_rest([0.11, 0.03, -0.02], np.zeros(3))
     return day_of(
-        jp.Activity(name="over", attitude=at_rest([0.53, 0.07, 0.05], [0.1, 0.0, 0.0]), duration=3.0),
-        jp.Activity(name="on", attitude=at_rest([0.47, 0.31, 0.13], [0.1, 0.0, 0.0]), duration=3.0),
-        craft=replace(whole, wheels=few),
-        start=begin,
+        jp.Activity(name="over", attitude=at_rest([0.53, 0.07, 0.05], []), duration=3.0),
+        jp.Activity(name="on", attitude=at_rest([0.47, 0.31, 0.13], []), duration=3.0),
+        craft=replace(whole, terminals=(), drives=(), instruments=(), wheels=few),
+        start=at_rest([0.11, 0.03, -0.02], []),
     )
 
 
@@ -143,10 +130,8 @@ DAYS = {
     "windows": (windows, {BOUND}, 5),
     "windows in the time there is": (windows_in_the_time_there_is, {BOUND}, 3),
     "stars": (stars, {BOUND}, 7),
-    "beam": (beam, {BOUND}, 5),
-    "ships": (ships, {BOUND}, 8),
+    "ships": (ships, {BOUND}, 7),
     "tracks": (tracks, {BOUND}, 6),
-    "far": (far_turn, {NEEDED}, 5),
     "wheels": (wheels, {NEEDED}, 6),
 }
 SOME = {
@@ -190,16 +175,11 @@ SOME = {
         "start.attitude[0]",
         "start.attitude[1]",
         "start.attitude[2]",
-        "activity[0].for_s",
+        "spacecraft.terminal[0].pitch_limit_deg",
+        "activity[1].for_s",
         "activity[2].attitude[0]",
         "activity[2].attitude[1]",
-    ),
-    "beam": (
-        "spacecraft.terminal[0].pitch_limit_deg",
-        "spacecraft.rate_limit_deg_s",
-        "start.attitude[0]",
-        "start.attitude[2]",
-        "activity[1].attitude[2]",
+        "activity[2].attitude[2]",
     ),
     "ships": (
         "spacecraft.rate_limit_deg_s",
@@ -209,8 +189,8 @@ SOME = {
         "start.yaw_rad[0]",
         "start.attitude[1]",
         "activity[2].for_s",
-        "activity[4].attitude[0]",
-        "activity[4].attitude[1]",
+        "activity[3].attitude[0]",
+        "activity[3].attitude[1]",
     ),
     "tracks": (
         "spacecraft.rate_limit_deg_s",
@@ -218,16 +198,8 @@ SOME = {
         "spacecraft.terminal[0].pitch_limit_deg",
         "start.attitude[1]",
         "start.attitude[2]",
-        "activity[0].for_s",
         "activity[1].for_s",
         "activity[2].attitude[0]",
-    ),
-    "far": (
-        "spacecraft.rate_limit_deg_s",
-        "spacecraft.acceleration_limit_deg_s2",
-        "start.attitude[1]",
-        "activity[0].attitude[2]",
-        "activity[1].attitude[0]",
     ),
     "wheels": (
         "spacecraft.wheel[0].torque_nm",
@@ -246,20 +218,21 @@ each_day = pytest.mark.parametrize(
 
 
 @cache
-def planned(name: str) -> jp.TimelinePlan:
-    return jp.plan_timeline(DAYS[name][0](), progress=False)
+def planned(make: Callable[[], jp.Timeline]) -> jp.TimelinePlan:
+    return jp.plan_timeline(make(), progress=False)
 
 
 @each_day
 def test_slopes_of_the_total_time_are_differences_of_timelines_planned_anew(name):
-    plan, (_, kinds, some) = planned(name), DAYS[name]
+    make, kinds, some = DAYS[name]
+    plan = planned(make)
     assert kinds <= {one.time.kind for one in plan.choices if one.time is not None}
     assert assert_slopes_are_differences(plan, SOME[name], AT_CORNERS.get(name, AGREE)) >= some
 
 
 @pytest.mark.slow
 def test_slopes_by_samples_of_a_target_are_differences_of_days_planned_anew():
-    plan = planned("ships")
+    plan = planned(ships)
     _, slopes, _ = days.day_slopes(plan)
     first, *others = plan.timeline.activities
     (path,), (own,) = (one.point.directions for one in (first, slopes.activities[0]))
@@ -283,7 +256,7 @@ def test_an_instant_at_its_window_moves_with_the_window():
 
 
 def test_nothing_before_a_window_that_is_waited_for_matters():
-    found = jp.sensitivities(planned("windows"))
+    found = jp.sensitivities(planned(windows))
     before = [
         name for name in found.without_effect if name.startswith(("activity[0]", "activity[1]", "start"))
     ]
@@ -292,16 +265,16 @@ def test_nothing_before_a_window_that_is_waited_for_matters():
     assert not any(row.name in before for row in found.rows)
     assert found["activity[2].from_s"] == pytest.approx(1.0)
     assert found["timeline.until_s"] == 0  # rest after the last activity is not counted
-    last = planned("windows").timeline.activities[2].name
+    last = planned(windows).timeline.activities[2].name
     assert found.note.startswith(f"activity {last} ")
     assert "window" in found.note
     assert found.note.endswith(", so that nothing before that changes the total time")
     assert "changes the total time\nnot listed: numbers" in str(found).replace("\n  ", " ")
-    assert jp.sensitivities(planned("joints and platform")).note == ""
+    assert jp.sensitivities(planned(joints_and_platform)).note == ""
 
 
 def test_a_plan_that_was_read_has_the_slopes_of_the_one_that_was_written(tmp_path):
-    plan = planned("joints and platform")
+    plan = planned(joints_and_platform)
     plan.save(tmp_path / "plan.npz")
     read = jp.load_timeline_plan(tmp_path / "plan.npz")
     assert read.choices == ()
@@ -312,7 +285,7 @@ def test_a_plan_that_was_read_has_the_slopes_of_the_one_that_was_written(tmp_pat
 
 
 def test_a_plan_that_is_another_one_when_planned_anew_is_refused():
-    plan = planned("joints and platform")
+    plan = planned(joints_and_platform)
     late = tuple(replace(one, end=one.end + 1.0) for one in plan.activities)
     with pytest.raises(ValueError, match="planned anew its activities end at other times"):
         jp.sensitivities(replace(plan, activities=late, choices=()))
@@ -344,7 +317,7 @@ def test_all_activities_without_derivatives_are_named_with_their_reasons():
 
 
 def test_no_shortest_motion_is_looked_for_where_an_activity_is_refused_anyway(monkeypatch):
-    plan = planned("far")
+    plan = planned(far_turn)
     monkeypatch.setattr(days, "expand_time", never)
     monkeypatch.setattr(days, "_state_rule", odd)
     with pytest.raises(ValueError, match="it is odd"):
@@ -359,22 +332,14 @@ def never(*_, **__):
     raise AssertionError("this takes long, and is not needed")
 
 
-@pytest.mark.slow
 def test_an_attitude_that_was_held_before_has_no_slopes_though_idle_has():
     """Any change of it adds the least slew."""
-    start = jp.GivenState(rotation_vector=[0.0, 0.0, 0.0], joints=[])
-    aside = jp.GivenState(rotation_vector=[0.5, 0.0, 0.0], joints=[])
-    craft = jp.Spacecraft(rate_limit=0.02, acceleration_limit=0.002)
-    scene = jp.Scenario(name="held", spacecraft=craft, start=start, goal=start)
-    first = jp.Activity(name="first", attitude=aside, duration=5.0)
+    first = jp.Activity(name="first", attitude=LOOK, duration=5.0)
     for second in (
-        jp.Activity(name="second", attitude=aside, duration=5.0),
+        jp.Activity(name="second", attitude=LOOK, duration=5.0),
         jp.Activity(name="second", idle=True, duration=5.0),
     ):
-        scene = replace(scene, trajectory=jp.TrajectorySettings(optimal=True))
-        day = jp.plan_timeline(
-            jp.Timeline(name="held", scene=scene, activities=(first, second)), progress=False
-        )
+        day = jp.plan_timeline(day_of(first, second), progress=False)
         assert day.activities[1].slew == 0
         if second.idle:
             assert jp.sensitivities(day, "total_time").rows
@@ -384,7 +349,7 @@ def test_an_attitude_that_was_held_before_has_no_slopes_though_idle_has():
 
 
 def test_a_plan_that_failed_is_refused():
-    plan = replace(planned("joints and platform"), status=jp.Status.UNCERTIFIED)
+    plan = replace(planned(joints_and_platform), status=jp.Status.UNCERTIFIED)
     with pytest.raises(ValueError, match="ended as UNCERTIFIED: only an OK one"):
         jp.sensitivities(plan)
 
@@ -393,19 +358,25 @@ def test_what_is_no_measure_of_a_day_is_refused():
     with pytest.raises(
         ValueError, match="unknown measure 'effort' of a timeline's plan: must be 'total_time'"
     ):
-        jp.sensitivities(planned("windows"), "effort")
+        jp.sensitivities(planned(windows), "effort")
 
 
 @pytest.mark.slow
 def test_plans_above_the_optimum_have_its_total_time_and_slopes():
-    day = far_turn()
-    above = replace(day.scene, trajectory=replace(day.scene.trajectory, optimal=False))
-    plan = jp.plan_timeline(replace(day, scene=above), progress=False)
-    found, best = jp.sensitivities(plan), jp.sensitivities(planned("far"))
-    assert found.value == pytest.approx(best.value, rel=1e-6)
-    assert found.value == pytest.approx(end_of(plan), rel=1e-3)
-    for name in SOME["far"]:
-        assert found[name] == pytest.approx(best[name], rel=1e-4), name
+    best = planned(far_turn)
+    assert NEEDED in {one.time.kind for one in best.choices}
+    scene = best.timeline.scene
+    coarse = replace(scene, trajectory=replace(scene.trajectory, optimal=False))
+    above = jp.plan_timeline(replace(best.timeline, scene=coarse), progress=False)
+    found = jp.sensitivities(above)
+    assert found.value == pytest.approx(end_of(above), rel=1e-3)
+    names = (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "start.attitude[1]",
+        "activity[0].attitude[2]",
+    )
+    assert assert_slopes_are_differences(best, names, AGREE, found) == len(names)
 
 
 def test_a_day_that_looks_ahead_and_leads_no_track_keeps_its_slopes():
@@ -416,6 +387,6 @@ def test_a_day_that_looks_ahead_and_leads_no_track_keeps_its_slopes():
     assert not any(choice.motion.led for choice in ahead.choices)
     found = [jp.sensitivities(plan, "total_time") for plan in (plain, ahead)]
     assert found[0].value == found[1].value
-    names = ("spacecraft.acceleration_limit_deg_s2", "activity[0].for_s")
+    names = ("spacecraft.acceleration_limit_deg_s2", "activity[1].for_s")
     assert [found[0][name] for name in names] == [found[1][name] for name in names]
-    assert found[1]["activity[0].for_s"] == pytest.approx(1.0, abs=1e-6)
+    assert found[1]["activity[1].for_s"] == pytest.approx(1.0, abs=1e-6)
