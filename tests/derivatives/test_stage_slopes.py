@@ -105,8 +105,10 @@ def measured(measure, put=with_inertias):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("craft", CRAFT)
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    ("name", "craft"),
+    [*((name, "terminal") for name in SCENES), ("in a given time", "drive and whole")],
+)
 def test_slopes_by_inertias_are_differences(name, craft):
     (duration, measure), (made, read, put) = SCENES[name], CRAFT[craft]
     plan = jp.plan(made(duration or "minimum"), progress=False)
