@@ -103,7 +103,7 @@ def out_of_reach() -> jp.Timeline:
 
 def coarse_tolerance() -> jp.Timeline:
     """An instant at which the camera may be off by a twentieth of a degree."""
-    return day_of(jp.Activity(name="star", point=targets(STAR, 1e-3, wish=False)), LOOK)
+    return day_of(jp.Activity(name="star", point=targets(STAR, 1e-3, wish=False)))
 
 
 def antenna_in_the_way() -> jp.Timeline:
@@ -148,7 +148,7 @@ DAYS = {
         out_of_reach,
         ("activity[0].for_s", "start.attitude[0]", "spacecraft.rate_limit_deg_s"),
     ),
-    "a coarse tolerance": (coarse_tolerance, ("start.attitude[0]", "activity[1].attitude[1]")),
+    "a coarse tolerance": (coarse_tolerance, ("start.attitude[0]", "spacecraft.acceleration_limit_deg_s2")),
     "an antenna in the way": (
         antenna_in_the_way,
         ("activity[0].for_s", "start.yaw_rad[0]", "activity[1].yaw_rad[0]", "keep_out[0].half_angle_deg"),
@@ -187,9 +187,7 @@ def test_what_comes_before_a_window_that_is_waited_for_is_not_followed():
 
 
 def test_an_instrument_looks_at_the_middle_of_its_target():
-    plan = jp.plan_timeline(
-        replace(coarse_tolerance(), activities=coarse_tolerance().activities[:1]), progress=False
-    )
+    plan = jp.plan_timeline(coarse_tolerance(), progress=False)
     attitude = plan.choices[0].goal.attitude
     assert np.linalg.norm(attitude[:, 2] - STAR) <= 1e-7
 
