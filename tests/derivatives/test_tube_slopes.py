@@ -5,7 +5,6 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from quick import quick_jit
 from reference import angle, boresights_of, unit
 from wheels import scarce, with_wheels
 
@@ -54,19 +53,15 @@ def plan():
 
 def compared(plan, measure, names):
     """The measure, and by the tube's numbers of these names its slopes beside differences."""
-    held = jp.hold(plan)
-
-    def of(own, held):
-        return measure(jp.replan(held, own))
-
-    value, slope = quick_jit(of), quick_jit(jax.grad(of, allow_int=True))
+    trajectory = jp.differentiable(plan)
+    here, found = float(measure(trajectory(plan.scenario))), {}
     with jax.enable_x64(True):
-        own = jax.tree.map(np.asarray, plan.scenario)
-        here, slopes = float(value(own, held)), slope(own, held)
-        found = {}
-        for name in names:
-            ends = [float(value(moved(own, name, side * STEPS[name]), held)) for side in (1, -1)]
-            found[name] = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
+        slopes = jax.grad(lambda own: measure(trajectory(own)), allow_int=True)(plan.scenario).robust
+    for name in names:
+        ends = [
+            float(measure(trajectory(moved(plan.scenario, name, side * STEPS[name])))) for side in (1, -1)
+        ]
+        found[name] = float(getattr(slopes, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
     return here, found
 
 
