@@ -156,10 +156,11 @@ def test_a_plan_can_be_made_a_function_while_its_own_arrays_are_differentiated_b
 
 
 def camera_looks(direction, **settings):
-    """A spacecraft with a camera alone, free to roll about what it looks at."""
+    """A spacecraft, in lists, with a camera alone that is free to roll about what it looks at."""
     craft = jp.Spacecraft(
         instruments=(jp.Instrument(name="camera", boresight=np.array([0.0, 0.0, 1.0])),),
-        rate_limit=np.deg2rad(1.0),
+        inertia=[[40, 1, 0], [1, 50, -2], [0, -2, 45]],
+        rate_limit=[0.02] * 3,
         acceleration_limit=np.deg2rad(0.2),
     )
     return jp.Scenario(
@@ -202,12 +203,8 @@ def test_slopes_are_refused_where_the_least_rotation_is_half_a_turn_either_way()
 
 
 def as_the_manual_writes(**changes):
-    """A camera and its inertia in lists, without zones."""
-    scenario = camera_looks([0.6, 0.0, 0.8], duration=200.0)
-    craft = replace(
-        scenario.spacecraft, inertia=[[40, 1, 0], [1, 50, -2], [0, -2, 45]], rate_limit=[0.02] * 3
-    )
-    return replace(scenario, spacecraft=craft, **changes)
+    """The camera, its inertia, limits and target in lists."""
+    return replace(camera_looks([0.6, 0.0, 0.8], duration=200.0), **changes)
 
 
 def test_lists_may_stand_for_arrays_as_they_may_for_a_plan():
