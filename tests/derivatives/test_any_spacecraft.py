@@ -63,9 +63,8 @@ def moved(scenario, by):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "seed", [52, 68]
-)  # with all ways to give a device; 52 is at its limit twice, going straight
+# Together they give devices in all ways; 52 is at its limit twice, going straight.
+@pytest.mark.parametrize("seed", [52, 68])
 def test_a_plan_follows_mountings_ranges_masks_and_limits(seed):
     plan = jp.plan(jp.random_scenario(seed, "any_spacecraft"), progress=False)
     told = jp.differentiable(plan)
