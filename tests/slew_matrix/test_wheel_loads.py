@@ -15,6 +15,7 @@ GOALS = {
         rotation_vector=[0.6, 0.5, -0.2], joints=[], angular_velocity=[0.003, -0.002, 0.004]
     ),
 }
+STRETCHED = {"trajectory.first_guesses": 0, "trajectory.duration_s": "stretched"}  # found quickly
 REFERENCE = jp.GivenState(
     rotation_vector=[0.1, 0.2, -0.1], joints=[], angular_velocity=[-0.002, 0.001, 0.003]
 )
@@ -38,8 +39,8 @@ def test_each_slew_begins_with_what_wheels_hold_at_the_end_of_any_other_to_its_s
         array = not_against(array)
     craft = telescope(array, allocation)
     settings = {"trajectory.first_guesses": 0}
-    slews = jp.slew_times(craft, GOALS, start=REFERENCE, settings=settings, progress=False)
-    assert np.all(slews.status == "OK"), slews.messages
+    none = np.zeros((len(GOALS), len(GOALS)), bool)  # the slews are planned one by one below
+    slews = jp.slew_times(craft, GOALS, start=REFERENCE, settings=settings, pairs=none, progress=False)
     axes, _, _, stored = numbers(craft)
     total = REFERENCE.attitude @ (INERTIA @ REFERENCE.angular_velocity + stored @ axes)
     for name, state in GOALS.items():
@@ -63,7 +64,7 @@ def test_chains_are_possible_just_where_timelines_do_them():
         f"{angle} deg": jp.GivenState(rotation_vector=[0, 0, np.deg2rad(angle)], joints=[])
         for angle in (0, 10, 20)
     }
-    slews = jp.slew_times(craft, turned, progress=False)
+    slews = jp.slew_times(craft, turned, settings=STRETCHED, progress=False)
     fine = np.array([True, True, False])
     np.testing.assert_array_equal(slews.status == "OK", fine[:, None] & fine)
     words = f'20 deg: wheel "wheel-1" would hold {6.5 * np.sqrt(2) * np.cos(np.deg2rad(25)):.4g} N m s there'
@@ -78,7 +79,7 @@ def test_chains_are_possible_just_where_timelines_do_them():
 def test_a_load_at_the_limit_is_no_overload_by_rounding():
     craft = telescope(wheels(np.eye(3), 0.3, 8.0, [8.0, 0.0, 0.0]))
     about = {f"{angle}": jp.GivenState(rotation_vector=[angle, 0, 0], joints=[]) for angle in (0.0, 0.3, 0.7)}
-    slews = jp.slew_times(craft, about, progress=False)
+    slews = jp.slew_times(craft, about, settings=STRETCHED, progress=False)
     for name in about:
         assert all(
             abs(wheel.stored) <= wheel.momentum
