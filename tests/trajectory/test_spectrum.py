@@ -52,6 +52,14 @@ def test_a_pulse_and_a_harmonic_at_frequencies_far_beyond_the_breaks():
     np.testing.assert_allclose(pulse[:, 1], sum(both), rtol=0, atol=1e-13)
 
 
+def quadrature(curve):
+    """Times and weights (k,) of Gauss's formula on eighths of a curve's intervals."""
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    edges = np.unique(np.concatenate([np.linspace(*ends, 9) for ends in pairwise(curve.breaks)]))
+    half = np.diff(edges)[:, None] / 2
+    return (edges[:-1, None] + half * (nodes + 1)).ravel(), (half * weights).ravel()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("fit", [fit_global, fit_paper])
 def test_of_fitted_motions_it_is_that_of_quadrature_on_finer_intervals(fit):
@@ -59,10 +67,7 @@ def test_of_fitted_motions_it_is_that_of_quadrature_on_finer_intervals(fit):
     path = turning([0.0, 30.0, 70.0], axis=(0.6, 0.0, 0.8))
     curve = fit(path, craft, TrajectorySettings(duration=60.0)).trajectory
     found = measures.torque_spectrum(curve, craft, FREQUENCIES[:7])
-    nodes, weights = np.polynomial.legendre.leggauss(40)
-    edges = np.unique(np.concatenate([np.linspace(*ends, 9) for ends in pairwise(curve.breaks)]))
-    half = np.diff(edges)[:, None] / 2
-    time, weight = (edges[:-1, None] + half * (nodes + 1)).ravel(), (half * weights).ravel()
+    time, weight = quadrature(curve)
     rate, acceleration, _ = spin_of(curve, time)
     torque = acceleration @ INERTIA + np.cross(rate, rate @ INERTIA)
     kernel = weight * np.exp(-2j * np.pi * FREQUENCIES[:7, None] * time)
@@ -108,11 +113,10 @@ def test_of_wheels_it_is_the_transform_of_their_torques():
     craft = replace(CRAFT, wheels=random_wheels(4, seed=2))
     curve = turn_about_z()
     own = measures.torque_spectrum(curve, craft, FREQUENCIES, of="wheel_torques")
-    count = 200_001
-    time = np.linspace(0, DURATION, count)
+    time, weight = quadrature(curve)
     given = by_pseudo_inverse(curve, craft, time)[0] * [wheel.torque for wheel in craft.wheels]
-    kernel = np.exp(-2j * np.pi * FREQUENCIES[:7, None] * time)
-    expected = np.abs(np.trapezoid(kernel[:, :, None] * given, time, axis=1))
+    kernel = weight * np.exp(-2j * np.pi * FREQUENCIES[:7, None] * time)
+    expected = np.abs(kernel @ given)
     np.testing.assert_allclose(own[:7], expected, rtol=0, atol=1e-7 * np.max(expected))
 
 
