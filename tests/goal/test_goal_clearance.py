@@ -112,7 +112,7 @@ MASKS = np.deg2rad([[[-60.0, -20], [-5, -20], [-5, -1], [-60, -1]], [[5, -20], [
 def test_no_goal_is_on_a_mask_or_too_close_to_a_field(way):
     """Where the nearest goal without masks and fields breaks one, what is found instead breaks none."""
     found = tried = 0
-    for seed in range(60):
+    for seed in range(30):
         scene = make_scenario(2, 1, seed=seed)
         camera = replace(
             scene.spacecraft.instruments[0],
@@ -150,5 +150,5 @@ def test_no_goal_is_on_a_mask_or_too_close_to_a_field(way):
             np.testing.assert_allclose(
                 free.boresights(goal.attitude, goal.joints)[:2], scene.goal.directions, atol=1e-9
             )
-    assert tried >= 30
+    assert tried >= 15
     assert found >= 0.6 * tried

@@ -74,10 +74,10 @@ def test_no_random_attitude_is_nearer_than_the_goal(solved):
 @pytest.mark.slow
 def test_no_slsqp_run_finds_a_nearer_goal(solved):
     references = []
-    for number, (problem, found) in enumerate(solved[:24]):
+    for number, (problem, found) in enumerate(solved[:12]):
         references.append(slsqp(problem, 3, np.random.default_rng(number)))
         assert found.goals[0].slew_angle <= references[-1] + 1e-7
-    assert np.sum(np.isfinite(references)) >= 14
+    assert np.sum(np.isfinite(references)) >= 7
 
 
 def test_what_the_targets_or_the_body_settle_changes_no_goal():
