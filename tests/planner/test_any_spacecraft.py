@@ -17,7 +17,7 @@ from jaxplan.model.constraints import state_margins as margins_of_rows
 from jaxplan.model.zones import KeepOut
 
 FEW = (52, 33, 12, 43)  # of two builds
-MANY = 24
+MANY = 12
 DRIVE = jp.Drive(
     name="array",
     axis=[0.7071, 0.7071, 0.0],
@@ -44,7 +44,7 @@ def test_many_are_certified_and_the_others_say_why():
     found = jp.plan_batch(map(scene, range(MANY)), progress=False)
     for plan in found:
         examine(plan)
-    assert sum(plan.ok for plan in found) >= MANY - 2
+    assert sum(plan.ok for plan in found) >= MANY - 1
 
 
 def test_files_hold_scenarios_and_plans_to_the_last_bit(plans, tmp_path):
