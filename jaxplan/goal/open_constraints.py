@@ -75,9 +75,9 @@ class _Unknowns:
         """Attitudes (..., 3, 3), body to inertial, of unknowns (..., 3 + f)."""
         return self.problem.start @ np.asarray(so3.exp(unknown[..., :3]))
 
-    def joints(self, unknown: np.ndarray) -> np.ndarray:
-        """All joints (..., J) rad, of unknowns (..., 3 + f)."""
-        joints = np.array(self.problem.joints(self.attitudes(unknown)))
+    def joints(self, unknown: np.ndarray, attitudes: np.ndarray) -> np.ndarray:
+        """All joints (..., J) rad, of unknowns (..., 3 + f) with their attitudes (..., 3, 3)."""
+        joints = np.array(self.problem.joints(attitudes))
         joints[..., self.columns] = unknown[..., 3:]
         return joints
 
@@ -92,7 +92,7 @@ class _Unknowns:
         attitudes = self.attitudes(unknown)
         ranged = ~np.array(self.problem.aims.equations, bool).reshape(-1, 2)
         left = -self.problem.aims.excess(attitudes)[..., ranged]
-        return left, self.problem.margins(attitudes, self.joints(unknown))
+        return left, self.problem.margins(attitudes, self.joints(unknown, attitudes))
 
     def equation_residuals(self, unknown: np.ndarray) -> np.ndarray:
         """Return how far the e equations of azimuth and elevation are off, (..., e) rad, at (..., 3 + f)."""
