@@ -5,8 +5,6 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from builders import at_rest
-from quick import quick_jit
 from wheels import scarce, with_wheels
 
 import jaxplan as jp
@@ -43,20 +41,15 @@ def test_slopes_by_wheels_are_differences(name):
     if duration is None:  # not much longer than the shortest, so that limits bind
         longer = replace(scenario.trajectory, duration=1.25 * plan.trajectory.duration)
         plan = jp.plan(replace(scenario, trajectory=longer), progress=False)
-    held = jp.hold(plan)
-    value = quick_jit(lambda own, held: measure(jp.replan(held, own)))
-    slope = quick_jit(jax.grad(lambda own, held: measure(jp.replan(held, own)), allow_int=True))
-    with jax.enable_x64(True):
-        own = jax.tree.map(np.asarray, plan.scenario)
-        here, slopes = float(value(own, held)), slope(own, held)
-        binding = 0
-        for number in (0, 2):
-            for key, way in ways_of(own.spacecraft.wheels[number]):
-                ends = [float(value(moved(own, number, key, way, side * STEP), held)) for side in (1, -1)]
-                told = float(np.sum(getattr(slopes.spacecraft.wheels[number], key) * way))
-                expected = (ends[0] - ends[1]) / (2 * STEP)
-                assert told == pytest.approx(expected, rel=1e-6, abs=1e-6 * abs(here)), (number, key)
-                binding += abs(expected) > 1e-3 * abs(here)
+    trajectory, own, binding = jp.differentiable(plan), plan.scenario, 0
+    here, slopes = jax.value_and_grad(lambda own: measure(trajectory(own)), allow_int=True)(own)
+    for number in (0, 2):
+        for key, way in ways_of(own.spacecraft.wheels[number]):
+            ends = [float(measure(trajectory(moved(own, number, key, way, side * STEP)))) for side in (1, -1)]
+            told = float(np.sum(getattr(slopes.spacecraft.wheels[number], key) * way))
+            expected = (ends[0] - ends[1]) / (2 * STEP)
+            assert told == pytest.approx(expected, rel=1e-6, abs=1e-6 * abs(float(here))), (number, key)
+            binding += abs(expected) > 1e-3 * abs(here)
     assert binding >= 2  # what is asked about matters
 
 
@@ -67,19 +60,8 @@ def test_the_shortest_duration_follows_a_wheel_as_plans_made_anew():
     slopes = jax.grad(lambda own: jp.measures.duration(trajectory(own)), allow_int=True)(plan.scenario)
     number = int(np.argmax([abs(float(one.torque)) for one in slopes.spacecraft.wheels]))
     step = 1e-4 * plan.scenario.spacecraft.wheels[number].torque
-    ends = [
-        jp.hold(jp.follow(plan, moved(plan.scenario, number, "torque", 1.0, side * step))) for side in (1, -1)
-    ]
-    with jax.enable_x64(True):
-        value = quick_jit(lambda held, own: jp.measures.duration(jp.replan(held, own)))
-        found = [
-            float(
-                value(
-                    held, jax.tree.map(np.asarray, moved(plan.scenario, number, "torque", 1.0, side * step))
-                )
-            )
-            for held, side in zip(ends, (1, -1), strict=True)
-        ]
+    ends = [jp.follow(plan, moved(plan.scenario, number, "torque", 1.0, side * step)) for side in (1, -1)]
+    found = [float(jp.measures.duration(jp.differentiable(end)(end.scenario))) for end in ends]
     told = float(slopes.spacecraft.wheels[number].torque)
     assert told == pytest.approx((found[0] - found[1]) / (2 * step), rel=2e-2)
     assert told < 0
@@ -94,18 +76,13 @@ def test_wheels_that_are_all_full_at_once_have_the_slope_of_all_together(allocat
     wheels = tuple(
         jp.Wheel(name=f"wheel-{k}", axis=axis, torque=0.1, momentum=50.0) for k, axis in enumerate(axes)
     )
-    craft = jp.Spacecraft(
-        instruments=(jp.Instrument(name="camera", boresight=np.array([1.0, 0.0, 0.0])),),
-        rate_limit=np.deg2rad(20.0),
-        acceleration_limit=np.deg2rad(20.0),
-        inertia=np.diag([10.0, 10.0, 10.0]),
-        wheels=wheels,
-        allocation=allocation,
-    )
-    ends = [at_rest(np.array([0.0, 0.0, turn]), np.zeros(0)) for turn in (0.0, 1.2)]
-    settings = jp.TrajectorySettings(duration="minimum", first_guesses=0)
-    scenario = jp.Scenario(name="pyramid", spacecraft=craft, start=ends[0], goal=ends[1], trajectory=settings)
-    plan = jp.plan(scenario, progress=False)
+    # A spacecraft like those above, so that what is compiled for these serves here.
+    turn = {"turn": (0.0, 0.0, 1.2), "duration": "minimum", "first_guesses": 0}
+    scenario = with_wheels(wheels, allocation, **turn)
+    limit, sphere = float(np.deg2rad(20.0)), np.diag([10.0, 10.0, 10.0])
+    craft = replace(scenario.spacecraft, rate_limit=limit, acceleration_limit=limit, inertia=sphere)
+    goal = replace(scenario.goal, joints=scenario.start.joints)
+    plan = jp.plan(replace(scenario, spacecraft=craft, goal=goal), progress=False)
     found = jp.sensitivities(plan, "duration")
     together = sum(0.1 * found[f"spacecraft.wheel[{k}].torque_nm"] for k in range(4))
     assert together == pytest.approx(-plan.trajectory.duration / 2, rel=1e-3)
