@@ -41,6 +41,12 @@ FITS = {
 }
 
 
+@quick_jit
+def parts_of(held, path, craft, settings, cones, rates, duration):
+    on_breaks, inputs = gather_inputs(held, path, craft, settings, cones, rates)
+    return on_breaks, inputs, offset_of(held, inputs, duration), energy_of(held, inputs, duration)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FITS)
 def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
@@ -55,9 +61,8 @@ def test_what_the_optimum_depends_on_is_what_the_fit_had(name):
         edge_costs=np.zeros(0),
     )
     with jax.enable_x64(True):
-        on_breaks, inputs = gather_inputs(held, path, craft, settings, problem.cones, problem.rates)
-        offset, energy_form = offset_of(held, inputs, duration), energy_of(held, inputs, duration)
-        inputs = jax.tree.map(np.asarray, inputs)
+        given = (held, path, craft, settings, problem.cones, problem.rates, duration)
+        on_breaks, inputs, offset, energy_form = jax.tree.map(np.asarray, parts_of(*given))
     for own, other in zip(jax.tree.leaves(on_breaks), jax.tree.leaves(held), strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-12, atol=1e-12)  # the pace is that of the fit
     np.testing.assert_allclose(inputs.moved, 0, atol=1e-12)
