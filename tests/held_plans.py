@@ -71,7 +71,6 @@ CASES = {
     "paper, zig-zag, stretched": zig_zag,
     "limits and a zone": near_a_zone,
     "limits of the platform, the long way round": partial(the_long_way, 68.0),
-    "the same in 70 s": partial(the_long_way, 70.0),
     "the same in 72 s": partial(the_long_way, 72.0),
     "lengths of the platform's vectors": limits_of_lengths,
 }
