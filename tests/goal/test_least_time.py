@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 from pointing import KINDS, Printed, Problem, random_problem
+from quick import quick_jit
 from reference import assert_each
 from scipy.spatial.transform import Rotation
 
@@ -135,14 +136,14 @@ def test_goals_of_the_paper_cases_leave_time(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_derivatives_of_goals_of_least_time_are_those_of_differences(seed):
     problem = random_problem(seed)  # of the second one the joints are as slow as the platform
     targets = replace(problem.targets, criterion="least_time")
     craft, goal = problem.spacecraft, soonest(problem).goals[0]
     count = craft.joint_count
 
-    def attitude(move: jax.Array) -> jax.Array:
+    def attitude(move: jax.Array) -> jax.Array:  # of the platform and joints at the start
         start, joints = problem.start @ so3.exp(move[:3]), move[3:]
         return differentiable_goal(goal, craft, start, targets, problem.cones, start_joints=joints).attitude
 
@@ -150,13 +151,13 @@ def test_derivatives_of_goals_of_least_time_are_those_of_differences(seed):
         start = problem.start @ np.asarray(so3.exp(move[:3]))
         return soonest(replace(problem, start=start), start_joints=move[3:]).goals[0].attitude
 
+    way = np.random.default_rng(seed).normal(size=3 + count)
     with jax.enable_x64(True):
-        still = np.zeros(3 + count)
-        there, slopes = jax.jit(lambda move: (attitude(move), jax.jacfwd(attitude)(move)))(still)
+        there, slopes = quick_jit(lambda move: jax.jvp(attitude, (move,), (way,)))(0 * way)
     np.testing.assert_allclose(there, goal.attitude, atol=1e-9)
-    for entry, step in enumerate(1e-5 * np.eye(3 + count)):
-        differences = (anew(step) - anew(-step)) / 2e-5
-        np.testing.assert_allclose(np.asarray(slopes)[..., entry], differences, atol=1e-6)
+    differences = (anew(1e-5 * way) - anew(-1e-5 * way)) / 2e-5
+    np.testing.assert_allclose(slopes, differences, atol=1e-6)
+    assert np.max(np.abs(slopes)) > 0.1
 
 
 @pytest.mark.slow
@@ -179,7 +180,7 @@ def test_a_goal_of_least_rotation_that_is_the_soonest_is_followed_as_such():
 
     axis = np.array([0.6, 0.0, 0.8])
     with jax.enable_x64(True):
-        _, slope = jax.jit(lambda move: jax.jvp(end, (move,), (axis,)))(np.zeros(3))
+        _, slope = quick_jit(lambda move: jax.jvp(end, (move,), (axis,)))(np.zeros(3))
         ahead, behind = (find_goals(jax.tree.map(np.asarray, turned(s * 1e-5 * axis)))[0] for s in (1, -1))
     np.testing.assert_allclose(slope, (ahead.attitude - behind.attitude) / 2e-5, atol=2e-6)
 
