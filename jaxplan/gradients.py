@@ -37,6 +37,7 @@ from jaxplan.derivatives import (
     own_arrays,
     replan,
 )
+from jaxplan.model.nameless import nameless
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
@@ -146,6 +147,17 @@ def _trajectory_jvp(held: Held, scenario: Scenario, way: list[Any]) -> Trajector
     return along
 
 
+def _given(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
+    """Return what kernels take: arrays of numpy, and a scenario without names, to serve as many as can be."""
+    plain: tuple[Held, Scenario] = to_numpy((held, nameless(scenario)))
+    return plain
+
+
+def _given_motion(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
+    """Return `_given` without what is held of the goal alone, on which the motion to it does not depend."""
+    return _given(replace(held, moves=(), met=(), criterion=None), scenario)
+
+
 _compiled_for: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
 
 
@@ -154,19 +166,19 @@ def _find_end(held: Held, scenario: Scenario) -> Reached:
     if held not in _compiled_for:
         side_by_side(_compilation_tasks(held, scenario), lambda: None)
         _compiled_for.add(held)
-    found: Reached = to_numpy(_end_with_slopes(*to_numpy((held, scenario))))
+    found: Reached = to_numpy(_end_with_slopes(*_given(held, scenario)))
     return found
 
 
 def _trajectory_value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
     """Return a scenario's trajectory to its known end, by the kernel that also computes its derivatives."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
-    return _trajectory_with_slopes(*to_numpy((reached, held, scenario, nothing)), False)[0]
+    return _trajectory_with_slopes(reached, *_given_motion(held, scenario), nothing, False)[0]
 
 
 def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
     """Return tasks to run in threads, which compile the kernels of `_find_end` and `_trajectory_vjp`."""
-    own = to_numpy((held, scenario))
+    own = _given(held, scenario)
     joints = np.asarray(held.goal.joints, float)
     end = End(np.asarray(held.goal.attitude, float), joints, np.zeros(3 + len(joints)))
     count = sum(map(np.size, _float_leaves(scenario)))
@@ -178,7 +190,7 @@ def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
             kernel(*given)
 
     return [
-        partial(wide, _trajectory_with_slopes, (end, slopes), *own, nothing, False),
+        partial(wide, _trajectory_with_slopes, (end, slopes), *_given_motion(*own), nothing, False),
         partial(wide, _end_with_slopes, *own),
     ]
 
@@ -188,13 +200,14 @@ def _trajectory_vjp(held: Held, scenario: Scenario, reached: Reached, cotangents
 
     The products are in the order of `_float_leaves`.
     """
-    return _trajectory_with_slopes(*to_numpy((reached, held, scenario, cotangents)), True)[1]
+    given = _given_motion(held, scenario)
+    return _trajectory_with_slopes(*to_numpy((reached, *given, cotangents)), True)[1]
 
 
 def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
     """Return the leaves of the derivative of the trajectory along tangents `way`, for `linear_map`."""
     held, scenario, _ = own
-    return jax.tree.leaves(_trajectory_jvp(*to_numpy((held, scenario, list(way)))))
+    return jax.tree.leaves(_trajectory_jvp(*to_numpy((*_given(held, scenario), list(way)))))
 
 
 def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.derivatives import Held, expect_followable, expect_known_time, follow_and_hold, hold_each
+from jaxplan.model.nameless import bare
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.entry_points import as_filed, plan_with_fits
@@ -36,7 +37,6 @@ from jaxplan.tuning.objectives import (
     MARGIN,
     Objective,
     as_weights,
-    bare,
     make_objective,
     mean_slope,
     objective_label,

@@ -7,7 +7,6 @@ change with these is computed by `derivatives.replan`.
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -18,6 +17,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxplan.derivatives import Held, held_end, replan_to
+from jaxplan.model.nameless import bare
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.workers import one_thread
@@ -239,11 +239,6 @@ def _plain(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
     """Return what a kernel takes: arrays of numpy, and a scenario without name and epoch."""
     plain: tuple[Held, Scenario] = jax.tree.map(np.asarray, (held, bare(scenario)))
     return plain
-
-
-def bare(scenario: Scenario) -> Scenario:
-    """Return the scenario without name and epoch, for which kernels would be compiled anew."""
-    return replace(scenario, name="", epoch=None)
 
 
 def _value_and_slope(

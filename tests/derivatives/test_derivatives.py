@@ -53,6 +53,32 @@ def test_at_the_plans_own_scenario_it_is_the_plans_trajectory_in_64_bits(plan, t
     np.testing.assert_allclose(now.joints, before.joints, atol=1e-6)
 
 
+def test_scenes_that_differ_in_names_and_in_how_they_were_searched_share_their_kernels(
+    plan, trajectory, compilations
+):
+    scene = plan.scenario
+    other = replace(
+        scene,
+        name="another night",
+        epoch=np.datetime64("2031-05-06T07:08:09"),
+        keep_out=tuple(replace(zone, name=f"not {zone.name}") for zone in scene.keep_out),
+        keep_in=tuple(replace(zone, name=f"still {zone.name}") for zone in scene.keep_in),
+        search=replace(scene.search, seed=7, max_expansions=300),
+    )
+    assert jax.tree.structure(other) != jax.tree.structure(scene)
+
+    def slopes_of(function, scenario):
+        return jax.grad(lambda own: jp.measures.effort(function(own)), allow_int=True)(scenario)
+
+    first = slopes_of(trajectory, scene)
+    compilations.clear()
+    again = slopes_of(jp.differentiable(replace(plan, scenario=other)), other)
+    assert compilations == []
+    assert jax.tree.structure(again) == jax.tree.structure(jax.tree.map(np.zeros_like, other))
+    for own, known in zip(*map(jax.tree.leaves, (again, first)), strict=True):
+        np.testing.assert_array_equal(own, known)
+
+
 def test_a_goal_that_is_given_as_a_state_is_differentiated_without_a_context():
     plan = jp.plan(make_scenario(1), progress=False)
     trajectory = jp.differentiable(plan)
