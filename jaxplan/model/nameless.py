@@ -4,12 +4,14 @@ To JAX these are part of a scenario's structure, and for another structure a ker
 """
 
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import Scenario, SearchSettings
+
+Tree = TypeVar("Tree")
 
 
 def bare(scenario: Scenario) -> Scenario:
@@ -29,15 +31,22 @@ def nameless(scenario: Scenario) -> Scenario:
     def numbered(zones: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(replace(zone, name=str(number)) for number, zone in enumerate(zones))
 
-    plain: Scenario = jax.tree.map(
-        lambda one: replace(one, hidden=(), called="") if isinstance(one, DirectionPath) else one,
+    return unlabelled(
         replace(
             bare(scenario),
             keep_out=numbered(scenario.keep_out),
             keep_in=numbered(scenario.keep_in),
             joint_bounds=numbered(scenario.joint_bounds),
             search=replace(scenario.search, **found_by),
-        ),
+        )
+    )
+
+
+def unlabelled(tree: Tree) -> Tree:
+    """Return a scenario or targets with directions that do not tell what lies there and when it is hidden."""
+    plain: Tree = jax.tree.map(
+        lambda one: replace(one, hidden=(), called="") if isinstance(one, DirectionPath) else one,
+        tree,
         is_leaf=lambda one: isinstance(one, DirectionPath),
     )
     return plain

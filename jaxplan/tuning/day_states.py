@@ -30,6 +30,7 @@ from jaxplan.goal.pointing_start import differentiable_rates
 from jaxplan.model.activities import Activity
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import LEAST_ROTATION, Targets
+from jaxplan.model.nameless import nameless, unlabelled
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
@@ -171,7 +172,7 @@ class Pointed:
         still = State.still(*found)
         if not self.moving:
             return still, still
-        rates: Any = _least_rates(scene.usable, activity.targets, begin, *found)
+        rates: Any = _least_rates(scene.usable, unlabelled(activity.targets), begin, *found)
         found = replace(still, velocity=rates[:3], rates=rates[3:])
         return found, found
 
@@ -183,6 +184,7 @@ class Pointed:
         `near` is that of the plan.
         """
         starts, places = (before.attitude, before.joints), (near.attitude, near.joints)
+        scene, targets = nameless(scene), unlabelled(targets)
         found = _optimum(scene, targets, begin, starts, places, self.moves, self.met, self.turns, self.roomy)
         return found[:9].reshape(3, 3), found[9:]
 

@@ -231,6 +231,22 @@ def test_slopes_of_the_total_time_are_differences_of_timelines_planned_anew(name
 
 
 @pytest.mark.slow
+def test_days_that_differ_in_names_alone_share_their_kernels(compilations):
+    plan = planned(stars)
+    first, day = jp.sensitivities(plan), plan.timeline
+    renamed = replace(
+        day,
+        name="the day after",
+        scene=replace(day.scene, name="over the sea"),
+        activities=tuple(replace(one, name=f"{one.name} again") for one in day.activities),
+    )
+    other = jp.plan_timeline(renamed, progress=False)
+    compilations.clear()
+    assert [row.slope for row in jp.sensitivities(other).rows] == [row.slope for row in first.rows]
+    assert compilations == []
+
+
+@pytest.mark.slow
 def test_slopes_by_samples_of_a_target_are_differences_of_days_planned_anew():
     plan = planned(ships)
     _, slopes, _ = days.day_slopes(plan)
