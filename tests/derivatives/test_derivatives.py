@@ -79,6 +79,16 @@ def test_scenes_that_differ_in_names_and_in_how_they_were_searched_share_their_k
         np.testing.assert_array_equal(own, known)
 
 
+def test_motions_to_targets_and_to_a_state_share_the_larger_kernel(plan, trajectory, compilations):
+    state = replace(plan.scenario, goal=plan.goal.state)
+    to_state = jp.differentiable(jp.plan(state, progress=False))
+    for function, scenario in ((trajectory, plan.scenario), (to_state, state)):
+        compilations.clear()
+        jax.grad(lambda own, function=function: jp.measures.effort(function(own)), allow_int=True)(scenario)
+    assert any("_end_with_slopes" in name for name in compilations)
+    assert not any("_trajectory_with_slopes" in name for name in compilations)
+
+
 def test_a_goal_that_is_given_as_a_state_is_differentiated_without_a_context():
     plan = jp.plan(make_scenario(1), progress=False)
     trajectory = jp.differentiable(plan)
