@@ -47,6 +47,14 @@ JOBS = {  # a program each, run in the folder of the checkout; DIR is a folder w
     "minimum": f"{SCENE}jp.plan(scene(0, 'minimum'), throw=False, progress=False)",
     "gradient": GRADIENT.format("jp.paper_case(2)"),
     "gradient, wheels": GRADIENT.format('jp.load_scenario("docs/gallery/wheels.toml")'),
+    "gradients of 3": f"""{SCENE}
+for seed in range(3):
+    plan = jp.plan(scene(seed, 150.0), progress=False)
+    function = jp.differentiable(plan)
+    with jax.enable_x64(True):
+        slope = jax.grad(lambda scenario: jp.measures.effort(function(scenario)), allow_int=True)
+        jax.block_until_ready(slope(plan.scenario))
+""",
     "tune": f"""{SCENE}
 scenes = [scene(seed, 60.0) for seed in range(64)]
 jp.tune(scenes, "effort", over=["trajectory.duration_s"], steps=1, progress=False)
