@@ -6,7 +6,8 @@
 The function is `replan` of what `hold` returns (`jaxplan.derivatives`). Where plain numbers are
 differentiated it runs compiled kernels of its own, and within `jax.jit` it is traced as any other function of
 JAX. The kernels are two, compiled side by side: one finds where the manoeuvre ends, with the derivatives of
-that; the other finds the trajectory that ends there, and its derivatives by the chain rule.
+that; the other, the larger, finds the trajectory to a known end, with its derivatives. It knows no goal, so
+that goals of all kinds share it. The chain rule joins both.
 
 All is computed in 64 bits, since 32 bits leave the slopes of an optimum no accuracy. Where JAX itself is set
 to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
@@ -147,7 +148,7 @@ def _trajectory_jvp(held: Held, scenario: Scenario, way: list[Any]) -> Trajector
 
 
 def _given(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
-    """Return what kernels take: arrays of numpy, and a scenario without names, to serve as many as can be."""
+    """Return what kernels take: arrays of numpy, and a scenario without what splits them for nothing."""
     plain: tuple[Held, Scenario] = to_numpy((held, nameless(scenario)))
     return plain
 

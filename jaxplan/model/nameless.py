@@ -1,4 +1,4 @@
-"""Scenarios without what no number follows from: names, the epoch, and how a plan was looked for.
+"""Scenarios without what no number of a plan follows from: titles, the epoch, and how it was looked for.
 
 To JAX these are part of a scenario's structure, and for another structure a kernel is compiled anew.
 """
@@ -22,28 +22,30 @@ def bare(scenario: Scenario) -> Scenario:
 def nameless(scenario: Scenario) -> Scenario:
     """Return a scenario with the same trajectory for the same choices, and without what does not tell it.
 
-    Zones are named by their numbers. Devices keep their names, by which targets and zones refer to them.
+    Zones are named by their places. Devices, wheels and groups of zones keep their names.
     """
     found_by: dict[str, Any] = {
         field.name: field.default for field in fields(SearchSettings) if field.metadata["static"]
     }
 
-    def numbered(zones: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(replace(zone, name=str(number)) for number, zone in enumerate(zones))
+    def numbered(key: str) -> tuple[Any, ...]:
+        zones = getattr(scenario, key)
+        return tuple(replace(zone, name=f"{key}[{number}]") for number, zone in enumerate(zones))
 
     return unlabelled(
         replace(
             bare(scenario),
-            keep_out=numbered(scenario.keep_out),
-            keep_in=numbered(scenario.keep_in),
-            joint_bounds=numbered(scenario.joint_bounds),
+            keep_out=numbered("keep_out"),
+            keep_in=numbered("keep_in"),
+            joint_bounds=numbered("joint_bounds"),
             search=replace(scenario.search, **found_by),
+            trajectory=replace(scenario.trajectory, first_guesses=0, optimal=False),
         )
     )
 
 
 def unlabelled(tree: Tree) -> Tree:
-    """Return a scenario or targets with directions that do not tell what lies there and when it is hidden."""
+    """Return a tree whose directions do not tell what lies there, and when it is hidden (`DirectionPath`)."""
     plain: Tree = jax.tree.map(
         lambda one: replace(one, hidden=(), called="") if isinstance(one, DirectionPath) else one,
         tree,

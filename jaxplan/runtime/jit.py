@@ -11,12 +11,12 @@ faster. `quick_jit` asks for the older one where the installed XLA still has it;
 has not. While JAX traces and lowers a kernel, Python does not look for cyclic garbage
 (`jaxplan.runtime.garbage`).
 
-**Room** for kernels in a process that plans scenarios of many shapes. XLA takes some 20 MB for each of ours
-that it has compiled or read, so beyond `_MOST_KERNELS` they are forgotten, and those that are used again are
-read from their files. What other code jits is kept by JAX for good. On Linux each kernel takes some eighty
-memory maps, of which a process has 65,530 unless the system is set otherwise. Where none is left the process
-dies of "LLVM compilation error: Cannot allocate memory". So before that all kernels of the process are
-forgotten, those of other code, too.
+**Room** for kernels in a process that plans scenarios of many shapes. XLA takes some 20 MB for each, so of
+more than `_MOST_KERNELS` of ours the older half is forgotten, and what is used again is read from its file,
+or compiled again where none is kept. What other code jits is kept by JAX. On Linux each kernel takes some
+eighty memory maps, of which a process has 65,530 unless the system is set otherwise. Where none is left the
+process dies of "LLVM compilation error: Cannot allocate memory". So before that all kernels of the process
+are forgotten, those of other code, too.
 """
 
 import inspect
@@ -24,7 +24,7 @@ import os
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from typing import Any, TypeVar, cast
 
 import jax
@@ -183,12 +183,25 @@ def _load_or_compile(
                 with _turn_to_trace(), uncollected():
                     if not still_wanted():
                         raise NoLongerWantedError
-                    lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
+                    jitted = jax.jit(_own(function), **options, compiler_options=known)
+                    lowered = jitted.lower(*args, **kwargs)
                 if not still_wanted():
                     raise NoLongerWantedError
                 return cast(Callable[..., Answer], kernel_files.compile_and_keep(lowered, name, text))
     _new_kernels += 1
     return kept
+
+
+def _own(function: Callable[..., Answer]) -> Callable[..., Answer]:
+    """Return a function that does the same; what JAX keeps for it is forgotten with it."""
+
+    @wraps(function)
+    def own(*args: Any, **kwargs: Any) -> Answer:
+        return function(*args, **kwargs)
+
+    if isinstance(function, partial):
+        own.__name__ = function.func.__name__
+    return own
 
 
 _tracing = threading.RLock()
@@ -267,24 +280,27 @@ def _count_new_kernel(event: str, duration_secs: float, **_: str | int) -> None:
 jax.monitoring.register_event_duration_secs_listener(_count_new_kernel)
 
 
-def clear_if_full(most_maps: float = _MOST_MAPS_SHARE) -> bool:
-    """Forget our kernels if they are too many, and all if their memory maps are; tell whether it did.
+def clear_if_full(most_maps: float | None = None) -> bool:
+    """Forget half of our kernels if they are too many, and all if their memory maps are; tell whether it did.
 
     It looks at the maps only after `_KERNELS_PER_CHECK` new kernels, so that it may be called often.
 
     Args:
-        most_maps: fraction of the allowed memory maps above which all kernels of the process are forgotten.
+        most_maps: fraction of the allowed memory maps above which all kernels of the process are forgotten;
+            None for `_MOST_MAPS_SHARE`.
     """
     global _new_kernels
-    crowded = kernel_count() > _MOST_KERNELS
-    full = False
+    crowded, full = kernel_count() > _MOST_KERNELS, False
     if _new_kernels >= _KERNELS_PER_CHECK:
         _new_kernels = 0
+        share = _MOST_MAPS_SHARE if most_maps is None else most_maps
         with suppress(OSError), open(_MAPS_LIMIT_FILE, "rb") as limit, open(_MAPS_FILE, "rb") as maps:
-            full = maps.read().count(b"\n") > most_maps * int(limit.read())  # only Linux has such a limit
+            full = maps.read().count(b"\n") > share * int(limit.read())  # only Linux has such a limit
     if crowded or full:
         for known in _known_kernels:
-            known.clear()
+            kinds = list(known)  # the oldest first
+            for kind in kinds if full else kinds[: len(kinds) // 2]:
+                known.pop(kind, None)
     if full:
         jax.clear_caches()
     return crowded or full

@@ -266,7 +266,7 @@ class Following:
         else:
             joints = self.aim.at(scene, activity, before, when, near)[0].joints
         wishes = () if targets is None else targets.prefer
-        return ends_of(
+        now = unlabelled(
             replace(
                 track,
                 craft=scene.usable,
@@ -282,6 +282,7 @@ class Following:
                 rows=None if track.rows is None else scene.rows(self.turns),
             )
         )
+        return ends_of(now)
 
 
 def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]) -> Following:

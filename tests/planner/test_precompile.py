@@ -1,13 +1,13 @@
 """Nothing is compiled again for scenarios of a kind once its kernels are there."""
 
 import threading
-from contextlib import contextmanager
 from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
 from builders import make_scenario
+from kernels import nothing_new
 
 import jaxplan as jp
 from jaxplan import gradients, warming
@@ -21,18 +21,6 @@ from jaxplan.search import precompile as search_ahead
 KINDS = ("keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links")
 DURATIONS = ("stretched", "minimum", 60.0)
 ROBUST = jp.Robust(attitude_error=0.002, joint_error=0.001)
-
-
-@contextmanager
-def nothing_new(compilations, *about):
-    """Within the block no kernel is compiled, nor read that was compiled by another process."""
-    before = kernel_count()
-    compilations.clear()
-    # Other tests of this worker may have filled its memory maps; the next plan would forget all kernels.
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jit, "_MOST_MAPS_SHARE", 1.0)
-        yield
-    assert (kernel_count() - before, compilations) == (0, []), about
 
 
 def timed(scenario, duration):
