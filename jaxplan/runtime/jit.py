@@ -283,7 +283,8 @@ jax.monitoring.register_event_duration_secs_listener(_count_new_kernel)
 def clear_if_full(most_maps: float | None = None) -> bool:
     """Forget half of our kernels if they are too many, and all if their memory maps are; tell whether it did.
 
-    It looks at the maps only after `_KERNELS_PER_CHECK` new kernels, so that it may be called often.
+    It looks at the maps only after `_KERNELS_PER_CHECK` new kernels, so that it may be called often, or if
+    told how many are too many.
 
     Args:
         most_maps: fraction of the allowed memory maps above which all kernels of the process are forgotten;
@@ -291,7 +292,7 @@ def clear_if_full(most_maps: float | None = None) -> bool:
     """
     global _new_kernels
     crowded, full = kernel_count() > _MOST_KERNELS, False
-    if _new_kernels >= _KERNELS_PER_CHECK:
+    if most_maps is not None or _new_kernels >= _KERNELS_PER_CHECK:
         _new_kernels = 0
         share = _MOST_MAPS_SHARE if most_maps is None else most_maps
         with suppress(OSError), open(_MAPS_LIMIT_FILE, "rb") as limit, open(_MAPS_FILE, "rb") as maps:

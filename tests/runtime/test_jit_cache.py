@@ -40,6 +40,15 @@ def test_kernels_are_forgotten_where_their_maps_are_too_many(crowded):
     assert float(kernel(np.zeros(1))[0]) == 2.0
 
 
+@linux
+def test_who_tells_how_many_maps_are_too_many_is_answered_at_once():
+    kernel = compile_some(1, 8.0)
+    assert not clear_if_full(most_maps=1.0)
+    assert kernel._cache_size() == 1
+    assert clear_if_full(most_maps=0.0)
+    assert kernel._cache_size() == 0
+
+
 def test_nothing_is_forgotten_while_there_is_room():
     kernel = compile_some(jit._KERNELS_PER_CHECK, 2.0)
     assert not clear_if_full()
