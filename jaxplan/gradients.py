@@ -6,8 +6,7 @@
 The function is `replan` of what `hold` returns (`jaxplan.derivatives`). Where plain numbers are
 differentiated it runs compiled kernels of its own, and within `jax.jit` it is traced as any other function of
 JAX. The kernels are two, compiled side by side: one finds where the manoeuvre ends, with the derivatives of
-that; the other, the larger, finds the trajectory to a known end, with its derivatives. It knows no goal, so
-that goals of all kinds share it. The chain rule joins both.
+that; the other finds the trajectory that ends there, and its derivatives by the chain rule.
 
 All is computed in 64 bits, since 32 bits leave the slopes of an optimum no accuracy. Where JAX itself is set
 to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
@@ -100,26 +99,26 @@ def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
 
 @partial(quick_jit, level=0)
 def _trajectory_with_slopes(
-    end: End, held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
-) -> tuple[Trajectory, tuple[Array, list[Any]]]:
-    """Return the trajectory to a known end and, if `wanted`, the products of cotangents with its derivatives.
+    reached: Reached, held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
+) -> tuple[Trajectory, list[Any]]:
+    """Return a scenario's trajectory and, if `wanted`, the product of cotangents with its derivatives.
 
     One kernel serves the forward and the backward pass of a gradient, since most of it is the same. The
     backward pass computes the trajectory once more: if it were handed the intermediate results instead, which
     are functions that JAX makes, the kernel could not be kept for other processes.
 
     Args:
-        end: where the manoeuvre ends.
-        held: what is held fixed of the plan, without its goal (`_given_motion`).
-        scenario: a scenario near that of the plan, without its goal.
+        reached: where the manoeuvre ends, with derivatives, as `_end_with_slopes` returns it for the
+            scenario.
+        held: what is held fixed of the plan.
+        scenario: a scenario near that of the plan.
         cotangents: of the trajectory.
-        wanted: whether the products are computed; if not, zeros stand in their place.
+        wanted: whether the product is computed; if not, zeros stand in its place.
 
     Returns:
-        The trajectory; the product by the E numbers of the end, and an array for each of the scenario's
-        differentiable numbers (see `_float_leaves`).
+        The trajectory, and an array for each of the scenario's differentiable numbers (see `_float_leaves`).
     """
-    numbers = _float_leaves(scenario)
+    numbers, (end, end_slopes) = _float_leaves(scenario), reached
 
     def motion(end: End, numbers: list[Any]) -> Trajectory:
         own = of_arrays(_with_numbers(scenario, numbers))
@@ -127,11 +126,12 @@ def _trajectory_with_slopes(
 
     found, pull_back = jax.vjp(motion, end, numbers)
 
-    def product(cotangents: Trajectory) -> tuple[Array, list[Any]]:
+    def product(cotangents: Trajectory) -> list[Any]:
         of_end, own = pull_back(cotangents)
-        return ravel_pytree(of_end)[0], own
+        by_end = ravel_pytree(numbers)[1](ravel_pytree(of_end)[0] @ end_slopes)
+        return [one + other for one, other in zip(own, by_end, strict=True)]
 
-    nothing = jnp.zeros_like(ravel_pytree(end)[0]), list(map(jnp.zeros_like, numbers))
+    nothing = list(map(jnp.zeros_like, numbers))
     return found, jax.lax.cond(wanted, product, lambda _: nothing, cotangents)
 
 
@@ -154,10 +154,8 @@ def _given(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
 
 
 def _given_motion(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
-    """Return `_given` without goals, on which the motion to a known end does not depend."""
-    nowhere: Any = None
-    motion = replace(held, goal=nowhere, moves=(), met=(), criterion=None)
-    return _given(motion, replace(scenario, goal=nowhere))
+    """Return `_given` without how the goal was chosen, on which the motion to it does not depend."""
+    return _given(replace(held, moves=(), met=(), criterion=None), scenario)
 
 
 _compiled_for: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
@@ -175,7 +173,7 @@ def _find_end(held: Held, scenario: Scenario) -> Reached:
 def _trajectory_value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
     """Return a scenario's trajectory to its known end, by the kernel that also computes its derivatives."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
-    return _trajectory_with_slopes(reached[0], *_given_motion(held, scenario), nothing, False)[0]
+    return _trajectory_with_slopes(reached, *_given_motion(held, scenario), nothing, False)[0]
 
 
 def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
@@ -183,6 +181,8 @@ def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
     own = _given(held, scenario)
     joints = np.asarray(held.goal.joints, float)
     end = End(np.asarray(held.goal.attitude, float), joints, np.zeros(3 + len(joints)))
+    count = sum(map(np.size, _float_leaves(scenario)))
+    slopes = np.zeros((sum(map(np.size, end)), count))
     nothing = jax.tree.map(np.zeros_like, own[0].trajectory)
 
     def wide(kernel: Callable[..., Any], *given: Any) -> None:
@@ -190,7 +190,7 @@ def _compilation_tasks(held: Held, scenario: Scenario) -> list[Task]:
             kernel(*given)
 
     return [
-        partial(wide, _trajectory_with_slopes, end, *_given_motion(*own), nothing, False),
+        partial(wide, _trajectory_with_slopes, (end, slopes), *_given_motion(held, scenario), nothing, False),
         partial(wide, _end_with_slopes, *own),
     ]
 
@@ -200,26 +200,14 @@ def _trajectory_vjp(held: Held, scenario: Scenario, reached: Reached, cotangents
 
     The products are in the order of `_float_leaves`.
     """
-    end, end_slopes = reached
-    given = to_numpy((end, *_given_motion(held, scenario), cotangents))
-    of_end, own = to_numpy(_trajectory_with_slopes(*given, True)[1])
-    by_end = of_end @ end_slopes  # of all numbers, one after the other
-    is_goals = replace(
-        jax.tree.map(lambda _: False, scenario), goal=jax.tree.map(lambda _: True, scenario.goal)
-    )
-    of_motion, found, first = iter(own), [], 0
-    for leaf, is_goal in zip(jax.tree.leaves(scenario), jax.tree.leaves(is_goals), strict=True):
-        if _is_float(leaf):
-            part = by_end[first : first + np.size(leaf)].reshape(np.shape(leaf))
-            found.append(part if is_goal else part + next(of_motion))
-            first += np.size(leaf)
-    return found
+    reached, cotangents = to_numpy((reached, cotangents))
+    return _trajectory_with_slopes(reached, *_given_motion(held, scenario), cotangents, True)[1]
 
 
 def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
     """Return the leaves of the derivative of the trajectory along tangents `way`, for `linear_map`."""
     held, scenario, _ = own
-    return jax.tree.leaves(_trajectory_jvp(*to_numpy((*_given(held, scenario), list(way)))))
+    return jax.tree.leaves(_trajectory_jvp(*_given(held, scenario), to_numpy(list(way))))
 
 
 def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:

@@ -27,7 +27,7 @@ _thread_state = _ThreadState()
 
 
 def still_wanted() -> bool:
-    """Whether this thread's work may still be needed: True until `ahead` has ended, and in other threads."""
+    """Tell whether this thread's work may still be needed: until `ahead` has ended, and in other threads."""
     return _thread_state.over is None or not _thread_state.over.is_set()
 
 

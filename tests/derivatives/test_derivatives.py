@@ -12,7 +12,6 @@ from kernels import nothing_new
 from quick import quick_jit
 
 import jaxplan as jp
-from jaxplan import gradients
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -78,19 +77,6 @@ def test_scenes_that_differ_in_names_and_in_how_they_were_searched_share_their_k
     assert jax.tree.structure(again) == jax.tree.structure(jax.tree.map(np.zeros_like, other))
     for own, known in zip(*map(jax.tree.leaves, (again, first)), strict=True):
         np.testing.assert_array_equal(own, known)
-
-
-def test_motions_to_targets_and_to_a_state_share_the_larger_kernel(plan, trajectory):
-    state = replace(plan.scenario, goal=plan.goal.state)
-    held = jp.hold(jp.plan(state, progress=False))
-    to_targets, to_state = (
-        gradients._given_motion(trajectory.held, plan.scenario),
-        gradients._given_motion(held, state),
-    )
-    assert jax.tree.structure(to_state) == jax.tree.structure(to_targets)
-    assert [np.shape(one) for one in jax.tree.leaves(to_state)] == [
-        np.shape(one) for one in jax.tree.leaves(to_targets)
-    ]
 
 
 def test_a_goal_that_is_given_as_a_state_is_differentiated_without_a_context():
